@@ -1,0 +1,17 @@
+//! Lumel bakes lightmaps: it reads a USD or glTF scene, gives it lightmap UVs, solves the radiosity equation over the
+//! texels, and writes EXR pages, glTF and USD that hold the light.
+//!
+//! [`pipeline::bake`] does all of it and is where to start to read.
+
+pub mod color;
+pub mod error;
+pub mod load;
+pub mod pipeline;
+pub mod post;
+pub mod progress;
+pub mod scene;
+pub mod settings;
+pub mod unwrap;
+pub mod write;
+
+pub use error::{Error, Result};

@@ -1,0 +1,1 @@
+//! PNG, JPEG, EXR and HDR pictures to textures.

@@ -1,0 +1,48 @@
+//! Files to a [`Scene`]: glTF and USD readers, images, units. Third-party formats end here.
+
+pub mod gltf;
+pub mod image;
+pub mod units;
+pub mod usd;
+
+use crate::error::{Error, Result, Warnings};
+use crate::scene::{Scene, validate::validate};
+use std::path::{Path, PathBuf};
+
+/// What a loader gives: the scene, what the writers need of its source, and what was met on the way.
+#[derive(Debug)]
+pub struct Loaded {
+    pub scene: Scene,
+    pub source: Source,
+    /// Every file that was read (scene, layers, buffers, textures), for the report's hashes.
+    pub inputs: Vec<PathBuf>,
+    pub warnings: Warnings,
+}
+
+/// The source as its writer needs it.
+#[derive(Debug)]
+pub enum Source {
+    Gltf(gltf::GltfSource),
+    Usd(usd::UsdSource),
+}
+
+/// Reads a scene of any format, chosen by its extension: .gltf .glb .usd .usda .usdc .usdz.
+///
+/// # Errors
+/// `Io` where a file can't be read, `Invalid` where it is broken, `Unsupported` for another extension; each names the file.
+pub fn load(path: &Path) -> Result<Loaded> {
+    if path.is_dir() {
+        return Err(Error::invalid(path.display(), "is a directory; name the scene file in it"));
+    }
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    let mut loaded = match extension.as_str() {
+        "gltf" | "glb" => gltf::load(path)?,
+        "usd" | "usda" | "usdc" | "usdz" => usd::load(path)?,
+        _ => {
+            let message = "is not a scene format that can be read (.gltf .glb .usd .usda .usdc .usdz)";
+            return Err(Error::unsupported(path.display(), message));
+        }
+    };
+    validate(&mut loaded.scene, &path.display().to_string(), &mut loaded.warnings)?;
+    Ok(loaded)
+}

@@ -1,0 +1,1 @@
+//! Photometric units at the border: exposure, colour temperature, normalized lights.

@@ -1,0 +1,29 @@
+//! How a running stage tells its caller where it is, and learns that it should stop.
+
+use crate::error::{Error, Result};
+
+/// Receives progress and answers whether to stop. Called from many threads at once.
+pub trait Progress: Sync {
+    /// A stage (`load`, `unwrap`, `direct`, ...) begins; it has `total` units of work, 0 where unknown.
+    fn begin(&self, stage: &'static str, total: u64);
+    /// `units` more of the current stage's work are done.
+    fn advance(&self, units: u64);
+    /// True once the caller wants the run to end. Stages look at it at least every 100 ms.
+    fn cancelled(&self) -> bool;
+
+    /// `Err(Cancelled)` once the caller wants the run to end.
+    fn check(&self) -> Result<()> {
+        if self.cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+    }
+}
+
+/// Reports nothing and never stops.
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: &'static str, _: u64) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        false
+    }
+}

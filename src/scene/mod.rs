@@ -1,0 +1,100 @@
+//! The scene in memory: metres, Y up, right-handed, triangles with counter-clockwise fronts, linear Rec.709.
+//!
+//! Loaders make a [`Scene`], [`validate`](validate::validate) checks its postconditions, and every later stage relies on
+//! them: all indices are in range, all numbers finite, no triangle is degenerate in its mesh's space.
+
+pub mod environment;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod texture;
+pub mod validate;
+
+pub use environment::Environment;
+pub use light::{Light, LightShape, Shaping};
+pub use material::{Alpha, Material, TextureSlot};
+pub use mesh::{Mesh, TriangleOrigin, UvSet};
+pub use texture::{Texels, Texture, Wrap};
+
+use glam::{Affine3A, Vec3};
+
+/// A whole scene. Meshes, materials and textures are shared by index.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    pub meshes: Vec<Mesh>,
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    pub surfaces: Vec<Surface>,
+    pub lights: Vec<Light>,
+    pub environment: Option<Environment>,
+}
+
+/// One placed mesh: a glTF node with its mesh, or a USD gprim (an instance of one, too).
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// The source path: USD prim path, or the glTF node's names from the root joined by `/`. Unique in the scene.
+    pub name: String,
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    pub world_from_local: Affine3A,
+    /// The object of the source file that this is; what it means is known to the loader and writer of that format.
+    pub origin: SurfaceOrigin,
+}
+
+/// Where a surface came from, for the writers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SurfaceOrigin {
+    /// Made in memory.
+    None,
+    /// Index of the glTF node.
+    GltfNode(usize),
+    /// A USD gprim that can hold opinions of its own.
+    UsdPrim,
+    /// A gprim below a native instance: `root` is the instance prim's path, `prim` the gprim's path relative to it.
+    UsdInstance { root: String, prim: String },
+    /// A gprim below a point instancer's prototype: instance `index` of `instancer`, `prim` the prototype's gprim path.
+    UsdPoint { instancer: String, index: usize, prim: String },
+}
+
+impl Surface {
+    /// Mirrored by its transform: the world-space front of a triangle is then given by the reversed corner order.
+    pub fn is_mirrored(&self) -> bool {
+        self.world_from_local.matrix3.determinant() < 0.0
+    }
+}
+
+impl Scene {
+    /// The world positions of triangle `triangle` of surface `surface`, counter-clockwise seen from its front (mirrored
+    /// transforms swap the last two corners; [`Scene::corner_order`] gives the order).
+    pub fn world_triangle(&self, surface: usize, triangle: usize) -> [Vec3; 3] {
+        let s = &self.surfaces[surface];
+        let t = self.meshes[s.mesh].triangles[triangle];
+        Self::corner_order(s)
+            .map(|k| s.world_from_local.transform_point3(self.meshes[s.mesh].positions[t[k] as usize]))
+    }
+
+    /// The corners of a surface's triangles in the order that is counter-clockwise in world space.
+    pub fn corner_order(surface: &Surface) -> [usize; 3] {
+        if surface.is_mirrored() { [0, 2, 1] } else { [0, 1, 2] }
+    }
+
+    /// The material of a triangle.
+    pub fn material(&self, surface: usize, triangle: usize) -> &Material {
+        let mesh = &self.meshes[self.surfaces[surface].mesh];
+        &self.materials[mesh.triangle_material[triangle] as usize]
+    }
+
+    /// Triangles over all surfaces, instances counted each.
+    pub fn triangle_count(&self) -> usize {
+        self.surfaces.iter().map(|s| self.meshes[s.mesh].triangles.len()).sum()
+    }
+
+    /// True where something shines: a light, the sky, or an emissive material that a surface uses.
+    pub fn has_light(&self) -> bool {
+        self.environment.is_some()
+            || !self.lights.is_empty()
+            || self.surfaces.iter().any(|s| {
+                self.meshes[s.mesh].triangle_material.iter().any(|&m| self.materials[m as usize].is_emissive())
+            })
+    }
+}

@@ -1,0 +1,37 @@
+//! Results to files: EXR pages, GLBs, a USD layer. Each file is complete or absent.
+
+pub mod exr;
+pub mod gltf;
+pub mod output;
+pub mod usd;
+
+use crate::load::Source;
+use crate::post::{Lightmap, vertex::CornerColors};
+use crate::scene::Scene;
+use crate::unwrap::Atlas;
+use std::path::Path;
+
+/// All that the GLB and USD writers need of a bake.
+pub struct Baked<'a> {
+    pub scene: &'a Scene,
+    pub source: &'a Source,
+    pub atlas: &'a Atlas,
+    pub lightmap: &'a Lightmap,
+    pub corners: &'a CornerColors,
+    /// The page files relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`.
+    pub page_uris: &'a [String],
+    /// The output folder.
+    pub folder: &'a Path,
+    pub lights: BakedLights,
+}
+
+/// What happens to the lights that are baked in: an engine would light the scene twice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BakedLights {
+    /// Kept, and marked as baked.
+    #[default]
+    Mark,
+    Remove,
+    Keep,
+}
