@@ -25,9 +25,14 @@ pub struct Material {
 pub enum Alpha {
     Opaque,
     /// Holes where opacity is below the cutoff.
-    Mask { cutoff: f32, opacity: f32 },
+    Mask {
+        cutoff: f32,
+        opacity: f32,
+    },
     /// Blended by opacity.
-    Blend { opacity: f32 },
+    Blend {
+        opacity: f32,
+    },
 }
 
 /// A use of a texture by a material: which UVs, and how they and the values are transformed.

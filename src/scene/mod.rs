@@ -69,8 +69,7 @@ impl Scene {
     pub fn world_triangle(&self, surface: usize, triangle: usize) -> [Vec3; 3] {
         let s = &self.surfaces[surface];
         let t = self.meshes[s.mesh].triangles[triangle];
-        Self::corner_order(s)
-            .map(|k| s.world_from_local.transform_point3(self.meshes[s.mesh].positions[t[k] as usize]))
+        Self::corner_order(s).map(|k| s.world_from_local.transform_point3(self.meshes[s.mesh].positions[t[k] as usize]))
     }
 
     /// The corners of a surface's triangles in the order that is counter-clockwise in world space.

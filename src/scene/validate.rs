@@ -19,7 +19,10 @@ pub fn validate(scene: &mut Scene, place: &str, warnings: &mut Warnings) -> Resu
         let in_range = mesh.triangles.iter().flatten().all(|&v| (v as usize) < vertices)
             && mesh.triangle_material.iter().all(|&m| (m as usize) < scene.materials.len());
         if !lengths_agree || !in_range {
-            return Err(Error::invalid(format!("{place}: {}", mesh.name), "indices are out of range; export the mesh again"));
+            return Err(Error::invalid(
+                format!("{place}: {}", mesh.name),
+                "indices are out of range; export the mesh again",
+            ));
         }
         let mut keep = Vec::with_capacity(mesh.triangles.len());
         let (mut degenerate, mut not_finite) = (0usize, 0usize);
@@ -35,7 +38,8 @@ pub fn validate(scene: &mut Scene, place: &str, warnings: &mut Warnings) -> Resu
             warnings.add(format!("{} ({degenerate})", mesh.name), "degenerate triangles were left out");
         }
         if not_finite > 0 {
-            warnings.add(format!("{} ({not_finite})", mesh.name), "triangles with infinite or NaN positions were left out");
+            warnings
+                .add(format!("{} ({not_finite})", mesh.name), "triangles with infinite or NaN positions were left out");
         }
         retain(&mut mesh.triangles, &keep);
         retain(&mut mesh.triangle_material, &keep);

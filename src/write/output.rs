@@ -1,34 +1,78 @@
-//! Files that appear complete or not at all.
+//! An output folder whose files appear complete or not at all.
 
 use crate::error::{Error, Result};
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes `path` through `fill`: into a file beside it first, which is flushed to disk and then renamed into place. The old
-/// file stays as it was until then, and whatever fails leaves no partial file.
-///
-/// # Errors
-/// `Io` naming `path`, or what `fill` returns.
-pub fn write_file(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
-    let part = partial_path(path);
-    let written = File::create(&part).map_err(|e| Error::io(path, e)).and_then(|file| {
-        let mut out = BufWriter::new(file);
-        fill(&mut out)?;
-        out.flush().map_err(|e| Error::io(path, e))?;
-        out.get_ref().sync_all().map_err(|e| Error::io(path, e))
-    });
-    let placed = written.and_then(|()| std::fs::rename(&part, path).map_err(|e| Error::io(path, e)));
-    if placed.is_err() {
-        // Nothing more can be done where even the removal fails; the error that is returned says what came first.
-        let _ = std::fs::remove_file(&part);
-    }
-    placed
+/// Name of the folder inside the output folder in which files are prepared.
+pub const STAGING_NAME: &str = ".lumel-partial";
+
+/// A set of files on their way into an output folder. They are written below `<folder>/.lumel-partial` and moved into place
+/// by [`commit`](Self::commit); dropped without it, nothing of them is left, and a folder that had to be made is removed.
+#[derive(Debug)]
+pub struct Staging {
+    folder: PathBuf,
+    files: Vec<PathBuf>,
 }
 
-/// The file beside `path` that is renamed to it when complete.
-fn partial_path(path: &Path) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    path.with_file_name(name)
+impl Staging {
+    /// Prepares to write into `folder`, which is made where it is missing.
+    ///
+    /// # Errors
+    /// `Io` where it can't be made or written to.
+    pub fn new(folder: &Path) -> Result<Self> {
+        let staging = folder.join(STAGING_NAME);
+        // What an interrupted run may have left there is of no use to anybody.
+        if staging.exists() {
+            std::fs::remove_dir_all(&staging).map_err(|e| Error::io(&staging, e))?;
+        }
+        std::fs::create_dir_all(&staging).map_err(|e| Error::io(folder, e))?;
+        Ok(Self { folder: folder.to_path_buf(), files: Vec::new() })
+    }
+
+    /// The path at which to write the file that becomes `<folder>/<relative>`; its parent folder is made.
+    ///
+    /// # Errors
+    /// `Io` where the parent can't be made.
+    pub fn path(&mut self, relative: impl AsRef<Path>) -> Result<PathBuf> {
+        let relative = relative.as_ref().to_path_buf();
+        let path = self.folder.join(STAGING_NAME).join(&relative);
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
+        }
+        self.files.push(relative);
+        Ok(path)
+    }
+
+    /// Flushes every file to disk and moves it to its place, in the order in which they were asked for.
+    ///
+    /// # Errors
+    /// `Io` naming the file; those before it are in place by then, the others are not.
+    pub fn commit(self) -> Result<()> {
+        let staging = self.folder.join(STAGING_NAME);
+        for file in &self.files {
+            let path = staging.join(file);
+            std::fs::File::open(&path).and_then(|f| f.sync_all()).map_err(|e| Error::io(&path, e))?;
+        }
+        for file in &self.files {
+            let place = self.folder.join(file);
+            if let Some(parent) = place.parent() {
+                std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
+            }
+            std::fs::rename(staging.join(file), &place).map_err(|e| Error::io(&place, e))?;
+        }
+        Ok(())
+    }
+
+    /// Removes what an unfinished run left in `folder`: the staging folder, and `folder` itself where it is empty then.
+    pub fn discard(folder: &Path) {
+        // Best effort: there is nobody to tell where the removal itself fails, and the next run does it again.
+        let _ = std::fs::remove_dir_all(folder.join(STAGING_NAME));
+        let _ = std::fs::remove_dir(folder);
+    }
+}
+
+impl Drop for Staging {
+    fn drop(&mut self) {
+        Self::discard(&self.folder);
+    }
 }
