@@ -5,12 +5,17 @@
 
 pub mod color;
 pub mod error;
+pub mod light;
 pub mod load;
 pub mod pipeline;
+pub mod patch;
 pub mod post;
 pub mod progress;
+pub mod sample;
 pub mod scene;
 pub mod settings;
+pub mod trace;
+pub mod transport;
 pub mod unwrap;
 pub mod write;
 

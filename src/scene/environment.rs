@@ -30,4 +30,10 @@ impl Environment {
         let u = 0.5 - l.x.atan2(l.z) / std::f32::consts::TAU;
         glam::Vec2::new(u, l.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI)
     }
+
+    /// The world direction (unit) of texture coordinates `uv`: the inverse of [`Environment::uv`].
+    pub fn direction(&self, uv: glam::Vec2) -> Vec3 {
+        let (azimuth, polar) = ((0.5 - uv.x) * std::f32::consts::TAU, uv.y * std::f32::consts::PI);
+        self.world_from_sky * Vec3::new(polar.sin() * azimuth.sin(), polar.cos(), polar.sin() * azimuth.cos())
+    }
 }

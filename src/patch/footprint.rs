@@ -1,0 +1,216 @@
+//! The footprint of a patch: the convex pieces, triangle by texel square, from which area sampling draws.
+
+use super::Ground;
+use super::clip::Convex;
+use super::rasterize::texel_triangle;
+use crate::scene::Scene;
+use glam::{Vec2, Vec3, Vec3A};
+
+/// A point on a surface, on its front.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// World position [m].
+    pub position: Vec3,
+    /// The triangle's front normal, unit.
+    pub normal: Vec3,
+    /// The interpolated normal where the mesh has normals, else the triangle's; unit, on the front's side.
+    pub shading: Vec3,
+}
+
+/// A placed triangle, ready to be evaluated.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet {
+    /// Surface, and triangle of its mesh.
+    pub surface: usize,
+    pub triangle: usize,
+    /// Corner 0, and the edges from it to corners 1 and 2 (mesh order) [m].
+    origin: Vec3,
+    edges: [Vec3; 2],
+    /// Front normal, unit.
+    normal: Vec3,
+    /// World shading normals of the corners, where the mesh has normals.
+    shading: Option<[Vec3; 3]>,
+}
+
+/// One triangle's part of a texel.
+#[derive(Clone, Debug)]
+pub struct Piece {
+    pub facet: Facet,
+    /// Weights of the triangle's corners 1 and 2 at the corners of the convex part (at most seven).
+    corners: [Vec2; 8],
+    count: usize,
+    /// Area [m^2].
+    pub area: f32,
+}
+
+/// The pieces of one patch, ready to be sampled.
+#[derive(Clone, Debug, Default)]
+pub struct Footprint {
+    pub pieces: Vec<Piece>,
+    total: f32,
+    /// Cells of the unit square that samples may fall into, see [`Footprint::restrict`].
+    cells: CellMask,
+}
+
+/// A 4 x 4 grid over the unit square of a footprint's samples; bit `4 y + x` is set where the cell may be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CellMask(pub u16);
+
+impl Default for CellMask {
+    fn default() -> Self {
+        Self::ALL
+    }
+}
+
+impl CellMask {
+    /// Cells along each side.
+    pub const SIDE: u32 = 4;
+    pub const ALL: Self = Self(u16::MAX);
+    pub const EMPTY: Self = Self(0);
+
+    /// Moves `u` into the allowed cells: they are numbered in order and shared evenly, the place within the cell is kept.
+    fn place(self, u: [f32; 2]) -> [f32; 2] {
+        if self == Self::ALL || self == Self::EMPTY {
+            return u;
+        }
+        let side = Self::SIDE as f32;
+        let x = (u[0] * side).min(side - 1e-3);
+        let y = (u[1] * side).min(side - 1e-3);
+        let cell = y as u32 * Self::SIDE + x as u32;
+        let mut wanted = cell * self.0.count_ones() / 16;
+        let mut bits = self.0;
+        while wanted > 0 {
+            bits &= bits - 1;
+            wanted -= 1;
+        }
+        let chosen = bits.trailing_zeros();
+        let within = |v: f32, c: u32| (c as f32 + v.fract()) / side;
+        [within(x, chosen % Self::SIDE), within(y, chosen / Self::SIDE)]
+    }
+}
+
+impl Ground<'_> {
+    /// The footprint of patch `i`.
+    pub fn footprint(&self, i: usize) -> Footprint {
+        let [page, texel] = self.patches.texel[i];
+        let width = self.atlas.pages[page as usize][0];
+        let (x, y) = (f64::from(texel % width), f64::from(texel / width));
+        let mut footprint = Footprint::default();
+        for &(number, area) in self.patches.pieces(i) {
+            let (surface, triangle) = self.tracer.place(number);
+            let [a, b, c] = texel_triangle(self.scene, self.atlas, surface, triangle);
+            let part = Convex::triangle([a, b, c]).band(1, y).band(0, x);
+            let whole = (b - a).perp_dot(c - a);
+            let mut corners = [Vec2::ZERO; 8];
+            for (corner, p) in corners.iter_mut().zip(part.corners()) {
+                let at = *p - a;
+                *corner = Vec2::new((at.perp_dot(c - a) / whole) as f32, ((b - a).perp_dot(at) / whole) as f32);
+            }
+            if part.corners().len() >= 3 {
+                let facet = Facet::new(self.scene, surface, triangle);
+                footprint.pieces.push(Piece { facet, corners, count: part.corners().len(), area });
+                footprint.total += area;
+            }
+        }
+        footprint
+    }
+}
+
+impl Facet {
+    /// Triangle `triangle` of `surface`.
+    pub fn new(scene: &Scene, surface: usize, triangle: usize) -> Self {
+        let placed = &scene.surfaces[surface];
+        let mesh = &scene.meshes[placed.mesh];
+        let corners = mesh.triangles[triangle];
+        let [a, b, c] = corners.map(|v| placed.world_from_local.transform_point3(mesh.positions[v as usize]));
+        let flip = if placed.is_mirrored() { -1.0 } else { 1.0 };
+        let shading = (!mesh.normals.is_empty()).then(|| {
+            let to_world = placed.world_from_local.matrix3.inverse().transpose();
+            corners.map(|v| Vec3::from(to_world * Vec3A::from(mesh.normals[v as usize])).normalize_or_zero())
+        });
+        Self {
+            surface,
+            triangle,
+            origin: a,
+            edges: [b - a, c - a],
+            normal: ((b - a).cross(c - a) * flip).normalize_or_zero(),
+            shading,
+        }
+    }
+
+    /// The point with weights `at` of corners 1 and 2.
+    pub fn point(&self, at: Vec2) -> SurfacePoint {
+        let shading = self.shading.and_then(|[a, b, c]| {
+            let n = a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
+            // A normal that points behind its own triangle says nothing about the front.
+            n.try_normalize().filter(|n| n.dot(self.normal) > 0.0)
+        });
+        SurfacePoint {
+            position: self.origin + self.edges[0] * at.x + self.edges[1] * at.y,
+            normal: self.normal,
+            shading: shading.unwrap_or(self.normal),
+        }
+    }
+}
+
+impl Piece {
+    /// The piece's share of its triangle's area.
+    pub fn share(&self) -> f32 {
+        let o = self.corners[0];
+        (1..self.count - 1).map(|k| (self.corners[k] - o).perp_dot(self.corners[k + 1] - o).abs()).sum()
+    }
+
+    /// The weights at `u` of the unit square, uniform over the piece.
+    pub fn sample(&self, u: [f32; 2]) -> Vec2 {
+        let o = self.corners[0];
+        let fan = |k: usize| (self.corners[k] - o).perp_dot(self.corners[k + 1] - o).abs();
+        let total: f32 = (1..self.count - 1).map(fan).sum();
+        let mut at = u[0] * total;
+        let mut k = 1;
+        while k < self.count - 2 && at >= fan(k) {
+            at -= fan(k);
+            k += 1;
+        }
+        let width = fan(k);
+        let u0 = if width > 0.0 { (at / width).clamp(0.0, 1.0) } else { 0.0 };
+        let w = crate::sample::warp::triangle([u0, u[1]]);
+        o + (self.corners[k] - o) * w.x + (self.corners[k + 1] - o) * w.y
+    }
+}
+
+impl Footprint {
+    /// Limits samples to the cells of `mask`.
+    pub fn restrict(&mut self, mask: CellMask) {
+        self.cells = mask;
+    }
+
+    /// The piece and the weights on its triangle at `u` of the unit square; uniform over the (allowed) area.
+    pub fn sample_piece(&self, u: [f32; 2]) -> (&Piece, Vec2) {
+        let u = self.cells.place(u);
+        let mut at = u[0] * self.total;
+        let mut k = 0;
+        while k + 1 < self.pieces.len() && at >= self.pieces[k].area {
+            at -= self.pieces[k].area;
+            k += 1;
+        }
+        let piece = &self.pieces[k];
+        (piece, piece.sample([(at / piece.area).clamp(0.0, 1.0 - f32::EPSILON), u[1]]))
+    }
+
+    /// A point uniform over the (allowed) area.
+    pub fn sample(&self, u: [f32; 2]) -> SurfacePoint {
+        let (piece, at) = self.sample_piece(u);
+        piece.facet.point(at)
+    }
+
+    /// The largest distance of the footprint from `centre` [m].
+    pub fn radius(&self, centre: Vec3) -> f32 {
+        let corners = self.pieces.iter().flat_map(|p| p.corners[..p.count].iter().map(|c| p.facet.point(*c).position));
+        corners.map(|c| c.distance(centre)).fold(0.0, f32::max)
+    }
+
+    /// True where no piece is left.
+    pub fn is_empty(&self) -> bool {
+        self.pieces.is_empty()
+    }
+}

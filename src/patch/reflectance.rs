@@ -1,0 +1,135 @@
+//! Albedo and emission of each patch, averaged over its footprint in linear light.
+//!
+//! Apart from [`Patches`](super::Patches): relighting changes these and keeps the geometry.
+
+use super::{Ground, footprint::Piece};
+use crate::Result;
+use crate::color::Rgb;
+use crate::progress::Progress;
+use crate::scene::{Material, Mesh, Scene, TextureSlot};
+use glam::{Vec2, Vec4};
+use rayon::prelude::*;
+
+/// Diffuse albedo of each patch, 0..=1.
+#[derive(Clone, Debug)]
+pub struct Reflectance(pub Vec<Rgb>);
+
+/// Radiance that each patch emits from its front [nit]; M = pi L.
+#[derive(Clone, Debug)]
+pub struct Emission(pub Vec<Rgb>);
+
+/// Texture look-ups along one side of a piece, at most: 16 x 16 of them average a footprint of any size well enough.
+const MOST_SAMPLES_A_SIDE: u32 = 16;
+
+/// Averages the materials over all footprints.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn reflectance(ground: &Ground, progress: &dyn Progress) -> Result<(Reflectance, Emission)> {
+    let patches = ground.patches;
+    let values: Vec<(Rgb, Rgb)> = (0..patches.len())
+        .into_par_iter()
+        .map(|i| {
+            if i % 1024 == 0 {
+                progress.check()?;
+            }
+            Ok(average(ground, i))
+        })
+        .collect::<Result<_>>()?;
+    let (albedo, emission) = values.into_iter().unzip();
+    Ok((Reflectance(albedo), Emission(emission)))
+}
+
+fn average(ground: &Ground, i: usize) -> (Rgb, Rgb) {
+    let scene = ground.scene;
+    let [first, rest @ ..] = ground.patches.pieces(i) else { return (Rgb::ZERO, Rgb::ZERO) };
+    let material_of = |number: u32| {
+        let (surface, triangle) = ground.tracer.place(number);
+        let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+        (mesh, mesh.triangle_material[triangle])
+    };
+    // Most patches lie in one plain material.
+    let (mesh, index) = material_of(first.0);
+    let material = &scene.materials[index as usize];
+    if is_plain(mesh, material) && rest.iter().all(|p| material_of(p.0).1 == index) {
+        return (material.albedo.clamp(Rgb::ZERO, Rgb::ONE), material.emission);
+    }
+    let footprint = ground.footprint(i);
+    let (mut albedo, mut emission, mut area) = (Rgb::ZERO, Rgb::ZERO, 0.0);
+    for piece in &footprint.pieces {
+        let (a, e) = average_piece(scene, piece);
+        albedo += a * piece.area;
+        emission += e * piece.area;
+        area += piece.area;
+    }
+    if area > 0.0 { (albedo / area, emission / area) } else { (Rgb::ZERO, Rgb::ZERO) }
+}
+
+fn is_plain(mesh: &Mesh, material: &Material) -> bool {
+    mesh.colors.is_empty() && material.albedo_texture.is_none() && material.emission_texture.is_none()
+}
+
+fn average_piece(scene: &Scene, piece: &Piece) -> (Rgb, Rgb) {
+    let (surface, triangle) = (piece.facet.surface, piece.facet.triangle);
+    let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+    let material = scene.material(surface, triangle);
+    let side = [&material.albedo_texture, &material.emission_texture]
+        .into_iter()
+        .flatten()
+        .map(|slot| samples_a_side(scene, mesh, triangle, slot, piece))
+        .max()
+        .unwrap_or(2);
+    let (mut albedo, mut emission) = (Rgb::ZERO, Rgb::ZERO);
+    for y in 0..side {
+        for x in 0..side {
+            let u = [(x as f32 + 0.5) / side as f32, (y as f32 + 0.5) / side as f32];
+            let at = piece.sample(u);
+            albedo += albedo_at(scene, mesh, triangle, at);
+            emission += emission_at(scene, mesh, triangle, at);
+        }
+    }
+    let n = (side * side) as f32;
+    (albedo / n, emission / n)
+}
+
+/// So many that there is about one look-up for each texel of the picture under the piece.
+fn samples_a_side(scene: &Scene, mesh: &Mesh, triangle: usize, slot: &TextureSlot, piece: &Piece) -> u32 {
+    let texture = &scene.textures[slot.texture];
+    let Some(uv) = mesh.uv_set(&slot.uv_set) else { return 1 };
+    let [a, b, c] = mesh.triangles[triangle].map(|v| slot.image_from_uv.transform_point2(uv[v as usize]));
+    let size = Vec2::new(texture.width as f32, texture.height as f32);
+    let whole = ((b - a) * size).perp_dot((c - a) * size).abs() * 0.5;
+    let pixels = whole * piece.share();
+    (pixels.sqrt().ceil() as u32).clamp(2, MOST_SAMPLES_A_SIDE)
+}
+
+/// Linear RGBA of a texture slot at weights `at` of a triangle.
+fn look_up(scene: &Scene, mesh: &Mesh, triangle: usize, slot: &TextureSlot, at: Vec2) -> Vec4 {
+    let Some(uv) = mesh.uv_set(&slot.uv_set) else { return Vec4::ONE };
+    let [a, b, c] = mesh.triangles[triangle].map(|v| uv[v as usize]);
+    let uv = slot.image_from_uv.transform_point2(a + (b - a) * at.x + (c - a) * at.y);
+    scene.textures[slot.texture].sample(uv, slot.wrap) * slot.scale + slot.bias
+}
+
+/// Diffuse albedo at a point of a triangle, 0..=1.
+pub fn albedo_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
+    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
+    let mut albedo = material.albedo;
+    if let Some(slot) = &material.albedo_texture {
+        albedo *= look_up(scene, mesh, triangle, slot, at).truncate();
+    }
+    if !mesh.colors.is_empty() {
+        let [a, b, c] = mesh.triangles[triangle].map(|v| mesh.colors[v as usize].truncate());
+        albedo *= a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
+    }
+    albedo.clamp(Rgb::ZERO, Rgb::ONE)
+}
+
+/// Emitted radiance at a point of a triangle [nit].
+pub fn emission_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
+    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
+    match &material.emission_texture {
+        Some(slot) => (material.emission * look_up(scene, mesh, triangle, slot, at).truncate()).max(Rgb::ZERO),
+        None => material.emission,
+    }
+}

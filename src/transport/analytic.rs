@@ -1,0 +1,70 @@
+//! The form factor of a polygon as seen from a point, without occluders: Lambert's contour integral.
+//!
+//! `F = 1 / (2 pi) * sum over edges of angle(v_k, v_k+1) * (unit normal of the edge's plane through the point) . n`, over the
+//! polygon clipped at the point's horizon (Lambert 1760; Baum, Rushmeier, Winget 1989, section 3). Exact up to rounding.
+
+use glam::Vec3;
+
+/// The most corners a polygon may have: a disc light's.
+pub const MOST_CORNERS: usize = 32;
+
+/// The share of the cosine-weighted hemisphere around `normal` (unit) at `position` that the planar polygon `corners` covers:
+/// 0..=1, whatever its winding. The polygon has 3 to [`MOST_CORNERS`] corners; a point in its plane sees 0.
+pub fn point_to_polygon(position: Vec3, normal: Vec3, corners: &[Vec3]) -> f32 {
+    let count = corners.len();
+    assert!((3..=MOST_CORNERS).contains(&count), "a polygon has 3 to {MOST_CORNERS} corners, not {count}");
+    // Clipped at the horizon a convex polygon gains one corner at most; others can gain one for each pair.
+    let mut clipped = [Vec3::ZERO; 2 * MOST_CORNERS];
+    let mut kept = 0;
+    for (k, &corner) in corners.iter().enumerate() {
+        let p = corner - position;
+        let q = corners[(k + 1) % count] - position;
+        let (hp, hq) = (p.dot(normal), q.dot(normal));
+        if hp >= 0.0 {
+            clipped[kept] = p;
+            kept += 1;
+        }
+        if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
+            clipped[kept] = p + (q - p) * (hp / (hp - hq));
+            kept += 1;
+        }
+    }
+    if kept < 3 {
+        return 0.0;
+    }
+    let mut sum = 0.0f64;
+    for k in 0..kept {
+        let (p, q) = (clipped[k].as_dvec3(), clipped[(k + 1) % kept].as_dvec3());
+        let cross = p.cross(q);
+        let length = cross.length();
+        // Edges through the point add nothing: their plane is not defined, and its limit has no height over the horizon.
+        if length > 0.0 {
+            sum += length.atan2(p.dot(q)) / length * cross.dot(normal.as_dvec3());
+        }
+    }
+    ((sum / std::f64::consts::TAU).abs() as f32).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parallel_square_above_its_corner_matches_the_closed_form() {
+        // Howell's catalogue, B-3: element under the corner of a rectangle a x b at height c.
+        let (x, y) = (1.0f64, 1.0f64);
+        let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+        let expected = (x / rx * (y / rx).atan() + y / ry * (x / ry).atan()) / std::f64::consts::TAU;
+        let square = [Vec3::new(0., 1., 0.), Vec3::new(1., 1., 0.), Vec3::new(1., 1., 1.), Vec3::new(0., 1., 1.)];
+        let f = point_to_polygon(Vec3::ZERO, Vec3::Y, &square);
+        assert!((f64::from(f) - expected).abs() < 1e-6, "{f} against {expected}");
+    }
+
+    #[test]
+    fn half_space_wall_covers_half() {
+        let far = 1e4;
+        let wall = [Vec3::new(1., -far, -far), Vec3::new(1., far, -far), Vec3::new(1., far, far), Vec3::new(1., -far, far)];
+        let f = point_to_polygon(Vec3::ZERO, Vec3::Y, &wall);
+        assert!((f - 0.5).abs() < 1e-3, "{f}");
+    }
+}
