@@ -4,7 +4,10 @@
 //! [`pipeline::bake`] does all of it and is where to start to read.
 
 pub mod color;
+pub mod contour;
+pub mod energy;
 pub mod error;
+pub mod gather;
 pub mod light;
 pub mod load;
 pub mod pipeline;
@@ -14,6 +17,7 @@ pub mod progress;
 pub mod sample;
 pub mod scene;
 pub mod settings;
+pub mod solve;
 pub mod trace;
 pub mod transport;
 pub mod unwrap;

@@ -1,7 +1,11 @@
 //! What a bake is asked to do, and the presets behind it.
 
 use crate::error::{Error, Result};
+use crate::gather::GatherParams;
+use crate::light::direct::DirectParams;
 use crate::post::Quantity;
+use crate::solve::SolveParams;
+use crate::transport::Effort;
 use crate::unwrap::{Density, UnwrapParams, UvMode};
 use crate::write::BakedLights;
 use serde::{Deserialize, Serialize};
@@ -80,7 +84,46 @@ pub enum GltfProfile {
     Vertex,
 }
 
+/// What a preset sets, stage by stage.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Preset {
+    /// Final gather rays a texel.
+    gather_samples: u32,
+    /// Elements that exchange light.
+    elements: usize,
+    /// Rays that probe each element.
+    probe_rays: u32,
+    /// Relative standard error of a form factor between elements.
+    form_factor_error: f32,
+    /// First shadow samples for polygons, and for each delta light.
+    polygon_samples: u32,
+    delta_samples: u32,
+}
+
+/// Brightness samples of a sky with a picture for each ray of the final gather.
+const SKY_RATIO: f32 = 0.25;
+
+/// Estimated remaining change of each surface's mean radiosity, relative to it, at which the solver ends.
+const RESIDUAL: f64 = 1e-3;
+
 impl Quality {
+    fn preset(self) -> Preset {
+        let preset = |gather_samples, elements, probe_rays, form_factor_error, polygon_samples, delta_samples| Preset {
+            gather_samples,
+            elements,
+            probe_rays,
+            form_factor_error,
+            polygon_samples,
+            delta_samples,
+        };
+        match self {
+            Self::Draft => preset(64, 512, 256, 0.2, 8, 2),
+            Self::Medium => preset(256, 1536, 512, 0.1, 16, 4),
+            Self::High => preset(512, 3072, 1024, 0.1, 32, 4),
+            Self::Production => preset(1024, 6144, 1024, 0.05, 64, 8),
+        }
+    }
+
     /// Texels that the scene is given where neither density nor resolution is set.
     pub fn texel_count(self) -> u64 {
         match self {
@@ -143,6 +186,45 @@ impl Settings {
             uv: self.uv,
             uv_name: self.uv_name.clone(),
         }
+    }
+
+    fn gather_samples(&self) -> u32 {
+        self.samples.unwrap_or(self.quality.preset().gather_samples).max(2)
+    }
+
+    /// The direct light stage's parameters.
+    pub fn direct_params(&self) -> DirectParams {
+        let preset = self.quality.preset();
+        DirectParams {
+            polygon_samples: preset.polygon_samples,
+            delta_samples: preset.delta_samples,
+            sky_ratio: SKY_RATIO,
+            gather_samples: self.gather_samples(),
+            shading_normals: self.normals == Normals::Shading,
+            seed: self.seed,
+        }
+    }
+
+    /// About how many elements exchange light.
+    pub fn element_count(&self) -> usize {
+        self.quality.preset().elements
+    }
+
+    /// The solver's parameters.
+    pub fn solve_params(&self) -> SolveParams {
+        let preset = self.quality.preset();
+        let effort = Effort {
+            relative_error: preset.form_factor_error,
+            // The mean form factor of a closed scene, and a few times that: most light comes over larger ones.
+            floor: 4.0 / preset.elements as f32,
+            most_samples: 256,
+        };
+        SolveParams { probe_rays: preset.probe_rays, effort, max_bounces: self.max_bounces, residual: RESIDUAL }
+    }
+
+    /// The final gather's parameters.
+    pub fn gather_params(&self) -> GatherParams {
+        GatherParams { samples: self.gather_samples(), max_bounces: self.max_bounces }
     }
 
     /// The GLBs to write.

@@ -16,7 +16,7 @@ use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::cosine_hemisphere_pdf;
 use crate::scene::Scene;
 use crate::trace::{Ray, Segment, Tracer};
-use crate::transport::analytic::point_to_polygon;
+use crate::contour::point_to_polygon;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;

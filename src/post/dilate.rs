@@ -1,1 +1,120 @@
-//! Gutters.
+//! Patch values to pages, and their extension into gutters, so that bilinear look-ups at a chart's border read its own light.
+
+use super::{Lightmap, PageImage, Quantity};
+use crate::color::Rgb;
+use crate::patch::{Emission, NONE, Patches, Reflectance, unocclude::Exposure};
+use crate::unwrap::Atlas;
+use std::f32::consts::PI;
+
+/// A page while it is being filled.
+struct Canvas {
+    size: [usize; 2],
+    rgb: Vec<Rgb>,
+    coverage: Vec<f32>,
+    /// Chart of each texel, [`NONE`] in the gutter.
+    chart: Vec<u32>,
+    filled: Vec<bool>,
+}
+
+/// Makes finished pages: patch irradiance [lx] as `quantity`, buried texels filled from their own chart, gutters filled
+/// `atlas.padding` texels wide.
+pub fn finish(
+    atlas: &Atlas,
+    patches: &Patches,
+    exposure: &Exposure,
+    irradiance: &[Rgb],
+    reflectance: &Reflectance,
+    emission: &Emission,
+    quantity: Quantity,
+) -> Lightmap {
+    let value = |i: usize| match quantity {
+        Quantity::Outgoing => irradiance[i] / PI,
+        Quantity::Irradiance => irradiance[i],
+        Quantity::Radiosity => emission.0[i] * PI + reflectance.0[i] * irradiance[i],
+    };
+    let mut canvases = paint(atlas, patches, value, |i| !exposure.is_buried(i));
+    for canvas in &mut canvases {
+        canvas.spread(usize::MAX, true);
+        canvas.spread(atlas.padding as usize, false);
+    }
+    Lightmap { pages: canvases.into_iter().map(Canvas::into_page).collect(), quantity }
+}
+
+/// Patch values on pages as they are, gutters black: for looking at a stage.
+pub fn plain(atlas: &Atlas, patches: &Patches, value: impl Fn(usize) -> Rgb) -> Vec<PageImage> {
+    paint(atlas, patches, value, |_| true).into_iter().map(Canvas::into_page).collect()
+}
+
+fn paint(
+    atlas: &Atlas,
+    patches: &Patches,
+    value: impl Fn(usize) -> Rgb,
+    is_valid: impl Fn(usize) -> bool,
+) -> Vec<Canvas> {
+    let mut canvases: Vec<Canvas> = atlas
+        .pages
+        .iter()
+        .map(|&[w, h]| {
+            let n = w as usize * h as usize;
+            let (rgb, coverage) = (vec![Rgb::ZERO; n], vec![0.0; n]);
+            Canvas { size: [w as usize, h as usize], rgb, coverage, chart: vec![NONE; n], filled: vec![false; n] }
+        })
+        .collect();
+    for i in 0..patches.len() {
+        let [page, texel] = patches.texel[i];
+        let (canvas, texel) = (&mut canvases[page as usize], texel as usize);
+        canvas.chart[texel] = patches.chart[i];
+        if is_valid(i) {
+            // Where authored UVs let charts share a texel it shows their mean by coverage.
+            let (old, new) = (if canvas.filled[texel] { canvas.coverage[texel] } else { 0.0 }, patches.coverage[i]);
+            let total = (old + new).max(f32::MIN_POSITIVE);
+            canvas.rgb[texel] = (canvas.rgb[texel] * old + value(i) * new) / total;
+            canvas.filled[texel] = true;
+        }
+        canvas.coverage[texel] = (canvas.coverage[texel] + patches.coverage[i]).min(1.0);
+    }
+    canvases
+}
+
+impl Canvas {
+    /// Fills, ring by ring and `rings` wide, the texels next to filled ones with their mean: those of charts from their own
+    /// chart alone, or those of the gutter.
+    fn spread(&mut self, rings: usize, within_charts: bool) {
+        let is_wanted = |canvas: &Self, t: usize| !canvas.filled[t] && (canvas.chart[t] != NONE) == within_charts;
+        let mut open: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
+        for _ in 0..rings {
+            let found: Vec<(usize, Rgb)> = open.iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
+            if found.is_empty() {
+                break;
+            }
+            for &(t, value) in &found {
+                self.rgb[t] = value;
+                self.filled[t] = true;
+            }
+            open.retain(|&t| !self.filled[t]);
+        }
+    }
+
+    /// Mean of the filled neighbours, those along edges twice; for a chart's texel of its own chart alone.
+    fn mean_around(&self, t: usize) -> Option<Rgb> {
+        let [w, h] = self.size;
+        let (x, y) = (t % w, t / w);
+        let (mut sum, mut weight) = (Rgb::ZERO, 0.0);
+        for ny in y.saturating_sub(1)..(y + 2).min(h) {
+            for nx in x.saturating_sub(1)..(x + 2).min(w) {
+                let n = ny * w + nx;
+                if self.filled[n] && (self.chart[t] == NONE || self.chart[n] == self.chart[t]) {
+                    let k = if nx == x || ny == y { 2.0 } else { 1.0 };
+                    sum += self.rgb[n] * k;
+                    weight += k;
+                }
+            }
+        }
+        (weight > 0.0).then(|| sum / weight)
+    }
+
+    fn into_page(self) -> PageImage {
+        let [width, height] = self.size.map(|n| n as u32);
+        PageImage { width, height, rgb: self.rgb, coverage: self.coverage }
+    }
+}

@@ -1,3 +1,58 @@
-//! Form factors: how much of what leaves one patch arrives at another.
+//! Form factors: how much of what leaves one element arrives at another.
+//!
+//! `F_ij = 1/A_i * integral over A_i, A_j of cos cos V / (pi r^2)`. Pairs that are far apart for their size are found by Monte
+//! Carlo area sampling ([`area`]); near and touching ones, where that kernel is singular, by hemisphere sampling
+//! ([`hemisphere`]), which has no singularity and the visibility built in. Both are unbiased, so the border between them is a
+//! matter of noise alone.
 
-pub mod analytic;
+pub mod area;
+pub mod element;
+pub mod hemisphere;
+pub mod row;
+
+pub use element::Elements;
+pub use row::Rows;
+
+/// How exactly a form factor is wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Standard error that is aimed at, relative to the form factor.
+    pub relative_error: f32,
+    /// Form factors below this are wanted to `relative_error * floor` absolutely: what is small need not be exact.
+    pub floor: f32,
+    /// Samples a pair gets at most; a power of two, 2..=65536.
+    pub most_samples: u32,
+}
+
+impl Default for Effort {
+    /// For one form factor on its own: 0.2 %.
+    fn default() -> Self {
+        Self { relative_error: 0.002, floor: 0.0, most_samples: 1 << 16 }
+    }
+}
+
+impl Effort {
+    /// The standard error that is good enough for a form factor of about `f`.
+    fn tolerance(&self, f: f64) -> f64 {
+        f64::from(self.relative_error) * f.max(f64::from(self.floor))
+    }
+}
+
+/// An estimated form factor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FormFactor {
+    pub value: f64,
+    /// Estimated standard error.
+    pub error: f64,
+    /// Segments or rays that were spent on it.
+    pub samples: u32,
+}
+
+/// The form factor from element `i` to element `j`.
+pub fn form_factor(elements: &Elements, ground: &crate::patch::Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
+    if elements.are_near(i, j) {
+        hemisphere::form_factor(elements, ground, i, j, effort)
+    } else {
+        area::form_factor(elements, ground, i, j, effort)
+    }
+}

@@ -1,0 +1,100 @@
+//! The energy balance of a bake, from the texels as they are written: what comes in is absorbed or escapes.
+//!
+//! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
+//! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
+//! by no texel; their part comes from the solution over elements.
+
+use crate::gather::Gathered;
+use crate::light::Direct;
+use crate::patch::{Emission, Ground, Reflectance, unocclude::Exposure};
+use crate::post::{Lightmap, Quantity};
+use crate::solve::Solution;
+use crate::transport::Elements;
+use glam::DVec3;
+use std::f64::consts::PI;
+
+/// Power by channel [lm], and how well it adds up.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct EnergyBalance {
+    /// Sent out by emissive surfaces.
+    pub emitted: [f64; 3],
+    /// Received straight from the sky and from lights that are no surface.
+    pub inflow: [f64; 3],
+    /// Absorbed by what is shown on the pages.
+    pub absorbed: [f64; 3],
+    /// Absorbed by the backs of double-sided surfaces.
+    pub absorbed_by_backs: [f64; 3],
+    /// Escaped from the scene, or fallen on the black backs of single-sided surfaces.
+    pub escaped: [f64; 3],
+    /// Sum over channels of (out - in), relative to what came in.
+    pub imbalance: f64,
+}
+
+/// What is balanced.
+pub struct Bake<'a> {
+    pub ground: &'a Ground<'a>,
+    pub exposure: &'a Exposure,
+    pub reflectance: &'a Reflectance,
+    pub emission: &'a Emission,
+    pub direct: &'a Direct,
+    pub elements: &'a Elements,
+    pub solution: &'a Solution,
+    pub gathered: &'a Gathered,
+}
+
+/// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`.
+pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
+    let patches = bake.ground.patches;
+    let (mut emitted, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let mut backs = DVec3::ZERO;
+    for i in 0..patches.len() {
+        let area = f64::from(patches.area[i]);
+        let rho = bake.reflectance.0[i].as_dvec3();
+        let emittance = PI * bake.emission.0[i].as_dvec3();
+        emitted += area * emittance;
+        let landed = f64::from(bake.gathered.landed_share[i]);
+        let irradiance = if bake.exposure.is_buried(i) {
+            // Filled for display; no light reaches it.
+            DVec3::ZERO
+        } else {
+            written_irradiance(lightmap, patches.texel[i], rho, emittance, half)
+        };
+        absorbed += area * (DVec3::ONE - rho) * irradiance;
+        escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
+        let back = bake.elements.back_of[i];
+        if back != crate::patch::NONE {
+            emitted += area * emittance;
+            escaped += area * (1.0 - f64::from(bake.solution.landed_share[back as usize])) * emittance;
+        }
+    }
+    for e in (0..bake.elements.len()).filter(|&e| bake.elements.back[e]) {
+        let area = f64::from(bake.elements.area[e]);
+        let rho = bake.elements.albedo[e].as_dvec3();
+        let irradiance = bake.solution.irradiance[e].as_dvec3();
+        backs += area * (DVec3::ONE - rho) * irradiance;
+        escaped += area * (1.0 - f64::from(bake.solution.landed_share[e])) * rho * irradiance;
+    }
+    let inflow = bake.direct.inflow + bake.gathered.sky_inflow + bake.solution.inflow;
+    let (into, out) = (emitted + inflow, absorbed + backs + escaped);
+    EnergyBalance {
+        emitted: emitted.to_array(),
+        inflow: inflow.to_array(),
+        absorbed: absorbed.to_array(),
+        absorbed_by_backs: backs.to_array(),
+        escaped: escaped.to_array(),
+        imbalance: (out - into).element_sum() / into.element_sum().max(f64::MIN_POSITIVE),
+    }
+}
+
+/// The irradiance that a page's texel says [lx].
+fn written_irradiance(lightmap: &Lightmap, [page, texel]: [u32; 2], rho: DVec3, emittance: DVec3, half: bool) -> DVec3 {
+    let value = lightmap.pages[page as usize].rgb[texel as usize];
+    let value = if half { value.to_array().map(|v| half::f16::from_f32(v).to_f32()).into() } else { value }.as_dvec3();
+    match lightmap.quantity {
+        Quantity::Outgoing => value * PI,
+        Quantity::Irradiance => value,
+        Quantity::Radiosity => {
+            DVec3::select(rho.cmpgt(DVec3::ZERO), (value - emittance) / rho.max(DVec3::splat(f64::MIN_POSITIVE)), DVec3::ZERO)
+        }
+    }
+}

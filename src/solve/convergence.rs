@@ -1,0 +1,110 @@
+//! When to stop: an estimate of how much the light that is still unshot can change each surface.
+//!
+//! What the shots so far carried from group to group of elements is a coarse transport matrix T; the change to come is the
+//! unshot power u carried on by it, `T u + T^2 u + ...`. A group from which nothing was shot yet is taken to send all it has
+//! to every group at once, so a dim room behind a door is not forgotten.
+
+use crate::color::{Rgb, luminance};
+use crate::transport::Elements;
+
+/// Groups at most: neighbouring elements of a surface are counted together beyond.
+const MOST_GROUPS: usize = 256;
+
+/// Means below this share of the scene's count as this share: nobody sees a relative error in the dark.
+const FLOOR: f64 = 1e-3;
+
+/// What shots carried, by groups.
+pub struct Convergence {
+    group: Vec<u32>,
+    area: Vec<f64>,
+    albedo: Vec<f64>,
+    /// Power shot from each group, and what of it each group sent on (row by row) [lm].
+    shot: Vec<f64>,
+    carried: Vec<f64>,
+}
+
+impl Convergence {
+    /// Groups the elements, which are sorted by surface and place.
+    pub fn new(elements: &Elements) -> Self {
+        let size = elements.len().div_ceil(MOST_GROUPS / 2).max(1);
+        let mut group = Vec::with_capacity(elements.len());
+        let (mut current, mut members) = (0u32, 0);
+        for e in 0..elements.len() {
+            let same = e == 0 || elements.surface[e] == elements.surface[e - 1] && elements.back[e] == elements.back[e - 1];
+            // Small surfaces beyond the limit share the last group.
+            if e > 0 && (!same || members >= size) && (current as usize) < MOST_GROUPS - 1 {
+                current += 1;
+                members = 0;
+            }
+            members += 1;
+            group.push(current);
+        }
+        let count = group.last().map_or(0, |g| *g as usize + 1);
+        let (mut area, mut reflected) = (vec![0.0; count], vec![0.0; count]);
+        for (e, &g) in group.iter().enumerate() {
+            area[g as usize] += f64::from(elements.area[e]);
+            reflected[g as usize] += f64::from(elements.area[e]) * f64::from(luminance(elements.albedo[e]));
+        }
+        let albedo = reflected.iter().zip(&area).map(|(r, a)| r / a.max(f64::MIN_POSITIVE)).collect();
+        Self { group, area, albedo, shot: vec![0.0; count], carried: vec![0.0; count * count] }
+    }
+
+    /// Element `i` shot `power` [lm].
+    pub fn shot(&mut self, i: usize, power: Rgb) {
+        self.shot[self.group[i] as usize] += f64::from(luminance(power));
+    }
+
+    /// Element `j` will send on `power` [lm] of what `i` shot.
+    pub fn received(&mut self, i: usize, j: usize, power: Rgb) {
+        let at = self.group[i] as usize * self.area.len() + self.group[j] as usize;
+        self.carried[at] += f64::from(luminance(power));
+    }
+
+    /// The largest remaining change of a group's mean radiosity, relative to that mean, for the `unshot` power and the power
+    /// that is sent out so far, both by element [lm].
+    pub fn remaining(&self, unshot: &[f64], sent: &[f64]) -> f64 {
+        let count = self.area.len();
+        let (mut wave, mut power) = (vec![0.0; count], vec![0.0; count]);
+        for (e, &g) in self.group.iter().enumerate() {
+            wave[g as usize] += unshot[e];
+            power[g as usize] += sent[e];
+        }
+        let mut change = vec![0.0; count];
+        let total: f64 = wave.iter().sum();
+        // Each round carries the wave one bounce on; it dies out with the albedos.
+        for _ in 0..100 {
+            let mut next = vec![0.0; count];
+            for a in 0..count {
+                if wave[a] == 0.0 {
+                    continue;
+                }
+                for b in 0..count {
+                    next[b] += if self.shot[a] > 0.0 {
+                        wave[a] * self.carried[a * count + b] / self.shot[a]
+                    } else {
+                        wave[a] * self.albedo[b]
+                    };
+                }
+            }
+            // Groups that have not shot send to all at once: power is bounded by what there was.
+            let sum: f64 = next.iter().sum();
+            let before: f64 = wave.iter().sum();
+            let excess = if sum > before { before / sum } else { 1.0 };
+            for (c, n) in change.iter_mut().zip(&mut next) {
+                *c += *n;
+                *n *= excess;
+            }
+            wave = next;
+            if wave.iter().sum::<f64>() <= 1e-6 * total {
+                break;
+            }
+        }
+        let scene: f64 = power.iter().sum::<f64>() / self.area.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let relative = |g: usize| {
+            let mean = power[g] / self.area[g].max(f64::MIN_POSITIVE);
+            let floor = mean.max(FLOOR * scene);
+            if floor > 0.0 { change[g] / self.area[g].max(f64::MIN_POSITIVE) / floor } else { 0.0 }
+        };
+        (0..count).map(relative).fold(0.0, f64::max)
+    }
+}

@@ -1,0 +1,248 @@
+//! Progressive refinement (Cohen, Chen, Wallace, Greenberg 1988): the element with the most unshot power sends it to all
+//! others through a column of F, until what is left can't change any surface by more than a thousandth.
+//!
+//! Light straight from emitters is in E0 already, so what is shot first is the light it leaves behind: rho E0.
+
+use super::convergence::Convergence;
+use crate::Result;
+use crate::color::Rgb;
+use crate::light::direct::{Arriving, DirectParams, Receiver, arrive};
+use crate::light::{Direct, Lights};
+use crate::patch::Ground;
+use crate::progress::Progress;
+use crate::sample::sequence::{Sequence, Stage};
+use crate::transport::hemisphere::{Probe, probe};
+use crate::transport::{Effort, Elements, Rows};
+use rayon::prelude::*;
+
+/// How the system is solved.
+#[derive(Clone, Debug)]
+pub struct SolveParams {
+    /// Rays that probe each element; a power of two.
+    pub probe_rays: u32,
+    pub effort: Effort,
+    /// Interreflections in the final result: the gather adds the last of them, this stage those before. None: all.
+    pub max_bounces: Option<u32>,
+    /// Estimated remaining change of each surface's mean radiosity, relative to it, at which to stop.
+    pub residual: f64,
+}
+
+/// The light on elements.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// Irradiance that the gather reads beyond a patch's own direct light [lx]: interreflected light and the sky's; on backs
+    /// direct light too.
+    pub irradiance: Vec<Rgb>,
+    /// Share of the light leaving each element that lands on elements; the rest escapes or falls on black backs.
+    pub landed_share: Vec<f32>,
+    /// Shots that were made.
+    pub shots: u64,
+    /// Estimated remaining change of the worst surface's mean radiosity, relative to it.
+    pub residual: f64,
+    /// Power that was not shot [lm], luminance.
+    pub unshot: f64,
+    /// Light on backs straight from the sky and from lights that are no surface, as flux [lm].
+    pub inflow: glam::DVec3,
+    pub rays: u64,
+}
+
+/// Shots after which the work is given up, for each element: it never comes to this unless albedos reach 1.
+const MOST_SHOTS: u64 = 2000;
+
+/// Solves for the light on `elements`.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn solve(
+    elements: &Elements,
+    ground: &Ground,
+    lights: &Lights,
+    direct: &Direct,
+    direct_params: &DirectParams,
+    params: &SolveParams,
+    progress: &dyn Progress,
+) -> Result<Solution> {
+    progress.begin("solve", 0);
+    let n = elements.len();
+    let probes = probe(elements, ground, lights, direct_params, params.probe_rays, progress)?;
+    let backs = light_on_backs(elements, ground, lights, direct_params, progress)?;
+    let start = starting_irradiance(elements, ground, direct, &probes, &backs);
+    let mut inflow = glam::DVec3::ZERO;
+    for e in 0..n {
+        if elements.back[e] {
+            inflow += (probes[e].sky + backs[e].other).as_dvec3() * f64::from(elements.area[e]);
+        }
+    }
+    let mut shooting = Shooting::new(elements, &start, params.max_bounces);
+    let mut rows = Rows::new(elements, ground, &probes, params.effort);
+    let mut convergence = Convergence::new(elements);
+    let check_every = (n as u64 / 8).max(32);
+    let mut shots = 0;
+    let mut residual = 0.0;
+    while let Some(i) = shooting.brightest() {
+        progress.check()?;
+        if shots % check_every == 0 {
+            residual = convergence.remaining(&shooting.unshot_power(), &shooting.reflected_power(&start));
+            if residual <= params.residual {
+                break;
+            }
+        }
+        if shots >= MOST_SHOTS * n as u64 {
+            break;
+        }
+        shooting.shoot(i, rows.row(i), &mut convergence);
+        shots += 1;
+        progress.advance(1);
+    }
+    if shots % check_every != 0 {
+        residual = convergence.remaining(&shooting.unshot_power(), &shooting.reflected_power(&start));
+    }
+    let irradiance = (0..n).map(|e| shooting.received[e] + probes[e].sky + backs[e].transport).collect();
+    Ok(Solution {
+        irradiance,
+        landed_share: probes.iter().map(|p| p.landed_share).collect(),
+        shots,
+        residual,
+        unshot: shooting.unshot_power().iter().sum(),
+        inflow,
+        rays: rows.segments
+            + n as u64 * u64::from(params.probe_rays)
+            + backs.iter().map(|b| b.rays).sum::<u64>(),
+    })
+}
+
+/// Direct light on the elements that are backs, zero on the others.
+fn light_on_backs(
+    elements: &Elements,
+    ground: &Ground,
+    lights: &Lights,
+    params: &DirectParams,
+    progress: &dyn Progress,
+) -> Result<Vec<Arriving>> {
+    // No texel shows a back; about its geometric normal is all that is asked.
+    let params = DirectParams { shading_normals: false, ..params.clone() };
+    (0..elements.len())
+        .into_par_iter()
+        .map(|e| {
+            progress.check()?;
+            if !elements.back[e] {
+                return Ok(Arriving::default());
+            }
+            let count = crate::transport::element::POINTS;
+            let receiver = Receiver {
+                sample: &|u| elements.probe_point(e, (u[0] * count as f32) as u32),
+                position: elements.centre[e],
+                normal: elements.probe_point(e, 0).normal,
+                radius: elements.radius[e],
+                sequence: Sequence::new(params.seed, Stage::Direct, (1 << 40) + e as u64),
+            };
+            Ok(arrive(ground.scene, ground.tracer, lights, &receiver, &params))
+        })
+        .collect()
+}
+
+/// E0 of each element: the mean of its patches' direct light, and the sky.
+fn starting_irradiance(
+    elements: &Elements,
+    ground: &Ground,
+    direct: &Direct,
+    probes: &[Probe],
+    backs: &[Arriving],
+) -> Vec<Rgb> {
+    (0..elements.len())
+        .map(|e| {
+            if elements.back[e] {
+                return probes[e].sky + backs[e].transport;
+            }
+            let mut sum = glam::DVec3::ZERO;
+            for &i in elements.members(e) {
+                sum += direct.transport[i as usize].as_dvec3() * f64::from(ground.patches.area[i as usize]);
+            }
+            probes[e].sky + (sum / f64::from(elements.area[e]).max(f64::MIN_POSITIVE)).as_vec3()
+        })
+        .collect()
+}
+
+/// The state of the shooting.
+struct Shooting<'a> {
+    elements: &'a Elements,
+    /// Irradiance received from shots [lx].
+    received: Vec<Rgb>,
+    /// Radiosity not shot yet, by bounce; one level for all where bounces are not limited.
+    unshot: Vec<Vec<Rgb>>,
+    endless: bool,
+}
+
+impl<'a> Shooting<'a> {
+    fn new(elements: &'a Elements, start: &[Rgb], max_bounces: Option<u32>) -> Self {
+        let n = elements.len();
+        // The gather is the last bounce, and reads rho E0 by itself: of k bounces k - 1 are shot.
+        let levels = max_bounces.map_or(1, |k| k.saturating_sub(1) as usize);
+        let mut unshot = vec![vec![Rgb::ZERO; n]; levels];
+        if let Some(first) = unshot.first_mut() {
+            for (e, value) in first.iter_mut().enumerate() {
+                *value = elements.albedo[e] * start[e];
+            }
+        }
+        Self { elements, received: vec![Rgb::ZERO; n], unshot, endless: max_bounces.is_none() }
+    }
+
+    /// Unshot power of an element [lm], the brightest channel's.
+    fn power(&self, e: usize) -> f32 {
+        self.unshot.iter().map(|level| level[e]).sum::<Rgb>().max_element() * self.elements.area[e]
+    }
+
+    /// The element with the most unshot power; `None` when nothing is left.
+    fn brightest(&self) -> Option<usize> {
+        let mut best = (0.0f32, None);
+        for e in 0..self.elements.len() {
+            let power = self.power(e);
+            if power > best.0 {
+                best = (power, Some(e));
+            }
+        }
+        best.1
+    }
+
+    fn shoot(&mut self, i: usize, row: &crate::transport::row::Row, convergence: &mut Convergence) {
+        let elements = self.elements;
+        let shots: Vec<Rgb> = self.unshot.iter_mut().map(|level| std::mem::take(&mut level[i])).collect();
+        let total: Rgb = shots.iter().sum();
+        convergence.shot(i, total * elements.area[i]);
+        for (j, &f) in row.values.iter().enumerate() {
+            if f == 0.0 {
+                continue;
+            }
+            // F_ji = F_ij A_i / A_j.
+            let share = f * row.scale * elements.area[i] / elements.area[j];
+            self.received[j] += total * share;
+            convergence.received(i, j, elements.albedo[j] * total * (share * elements.area[j]));
+            for (level, shot) in shots.iter().enumerate() {
+                let next = if self.endless { level } else { level + 1 };
+                if let Some(unshot) = self.unshot.get_mut(next) {
+                    unshot[j] += elements.albedo[j] * *shot * share;
+                }
+            }
+        }
+    }
+
+    /// Unshot power by element [lm], luminance.
+    fn unshot_power(&self) -> Vec<f64> {
+        (0..self.elements.len())
+            .map(|e| {
+                let all: Rgb = self.unshot.iter().map(|level| level[e]).sum();
+                f64::from(crate::color::luminance(all)) * f64::from(self.elements.area[e])
+            })
+            .collect()
+    }
+
+    /// Power that each element sends out so far [lm], luminance: rho (E0 + received) A.
+    fn reflected_power(&self, start: &[Rgb]) -> Vec<f64> {
+        (0..self.elements.len())
+            .map(|e| {
+                let b = self.elements.albedo[e] * (start[e] + self.received[e]);
+                f64::from(crate::color::luminance(b)) * f64::from(self.elements.area[e])
+            })
+            .collect()
+    }
+}

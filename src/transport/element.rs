@@ -1,0 +1,269 @@
+//! The coarser level of patches between which light is exchanged: clusters of neighbouring texels that face one way.
+//!
+//! A texel solver would touch every pair of a million texels; as a source, blocks of texels are enough (Lischinski et al.
+//! 1993 gather from such a solution). Elements are found by halving: the largest one is cut across its longest side until
+//! there are as many as wanted. Texels on the back of double-sided surfaces have elements of their own.
+
+use crate::color::Rgb;
+use crate::patch::{Ground, NONE, Reflectance, SurfacePoint, footprint::CellMask, unocclude::Exposure};
+use crate::sample::Discrete;
+use crate::sample::sequence::{Sequence, Stage};
+use crate::trace::Hit;
+use glam::Vec3;
+use rayon::prelude::*;
+use std::collections::BinaryHeap;
+
+/// Points kept on each element.
+pub const POINTS: u32 = 32;
+
+/// Distances along the way that texels face count this much more when the longest side is chosen: it keeps a table's top
+/// apart from the floor below it.
+const LAYER_SEPARATION: f32 = 4.0;
+
+/// Elements whose centres are nearer than this many times the sum of their radii count as near.
+const NEAR: f32 = 1.25;
+
+/// Clusters of patches, sorted by surface and place.
+pub struct Elements {
+    /// Area [m^2].
+    pub area: Vec<f32>,
+    /// Area-weighted centre [m].
+    pub centre: Vec<Vec3>,
+    /// Largest distance of a texel from the centre [m].
+    pub radius: Vec<f32>,
+    /// Mean albedo, 0..=1.
+    pub albedo: Vec<Rgb>,
+    /// True on the back of its surface.
+    pub back: Vec<bool>,
+    /// The surface that most of it belongs to.
+    pub surface: Vec<u32>,
+    /// Elements of each patch's front and back; [`NONE`] where it has none.
+    pub front_of: Vec<u32>,
+    pub back_of: Vec<u32>,
+    pub seed: u32,
+    /// The parts of each patch that may be sampled, by patch.
+    cells: Vec<CellMask>,
+    /// Patches of element i: `members[first[i]..first[i + 1]]`, with a table by area.
+    members: Vec<u32>,
+    first: Vec<u32>,
+    by_area: Vec<Option<Discrete>>,
+    /// [`POINTS`] points on each, moved off the surface, normals outwards (on backs: away from the back).
+    points: Vec<SurfacePoint>,
+}
+
+/// A set of patches that may be cut further.
+struct Block {
+    area: f64,
+    range: std::ops::Range<usize>,
+    axis: usize,
+}
+
+impl PartialEq for Block {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+impl Eq for Block {}
+impl PartialOrd for Block {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Block {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        // The largest first; of equals the one that starts earlier, so that the order never depends on chance.
+        self.area.total_cmp(&other.area).then(other.range.start.cmp(&self.range.start))
+    }
+}
+
+impl Elements {
+    /// Clusters the patches in the open into about `count` elements, and half as many again for backs where there are
+    /// double-sided surfaces.
+    pub fn new(ground: &Ground, exposure: &Exposure, reflectance: &Reflectance, count: usize, seed: u32) -> Self {
+        let patches = ground.patches;
+        let open: Vec<u32> = (0..patches.len() as u32).filter(|&i| !exposure.is_buried(i as usize)).collect();
+        let has_back = |&i: &u32| {
+            let (surface, triangle) = ground.tracer.place(patches.pieces(i as usize)[0].0);
+            ground.scene.material(surface, triangle).double_sided
+        };
+        let backs: Vec<u32> = (0..patches.len() as u32).filter(has_back).collect();
+        let mut clusters: Vec<(bool, Vec<u32>)> = Vec::new();
+        clusters.extend(cluster(ground, open, count).into_iter().map(|c| (false, c)));
+        clusters.extend(cluster(ground, backs, count.div_ceil(2)).into_iter().map(|c| (true, c)));
+        Self::from_clusters(ground, exposure, reflectance, clusters, seed)
+    }
+
+    fn from_clusters(
+        ground: &Ground,
+        exposure: &Exposure,
+        reflectance: &Reflectance,
+        mut clusters: Vec<(bool, Vec<u32>)>,
+        seed: u32,
+    ) -> Self {
+        let patches = ground.patches;
+        // Patches are sorted by chart and place, so the first member tells where a cluster lies.
+        clusters.iter_mut().for_each(|(_, c)| c.sort_unstable());
+        clusters.sort_by_key(|(back, c)| (patches.surface[c[0] as usize], *back, c[0]));
+        let n = clusters.len();
+        let mut all = Self {
+            area: Vec::with_capacity(n),
+            centre: Vec::with_capacity(n),
+            radius: Vec::with_capacity(n),
+            albedo: Vec::with_capacity(n),
+            back: Vec::with_capacity(n),
+            surface: Vec::with_capacity(n),
+            front_of: vec![NONE; patches.len()],
+            back_of: vec![NONE; patches.len()],
+            seed,
+            cells: exposure.cells.clone(),
+            members: Vec::new(),
+            first: vec![0],
+            by_area: Vec::with_capacity(n),
+            points: Vec::new(),
+        };
+        for (e, (back, members)) in clusters.iter().enumerate() {
+            let area_of = |&i: &u32| f64::from(patches.area[i as usize]);
+            let area: f64 = members.iter().map(area_of).sum();
+            let mean = |f: &dyn Fn(usize) -> Vec3| {
+                let sum: glam::DVec3 = members.iter().map(|i| f(*i as usize).as_dvec3() * area_of(i)).sum();
+                (sum / area.max(f64::MIN_POSITIVE)).as_vec3()
+            };
+            let centre = mean(&|i| patches.position[i]);
+            let far = members.iter().map(|&i| {
+                patches.position[i as usize].distance(centre) + (0.5 * patches.area[i as usize]).sqrt()
+            });
+            all.radius.push(far.fold(0.0, f32::max));
+            all.area.push(area as f32);
+            all.centre.push(centre);
+            all.albedo.push(mean(&|i| reflectance.0[i]));
+            all.back.push(*back);
+            all.surface.push(patches.surface[members[members.len() / 2] as usize]);
+            for &i in members {
+                let slot = if *back { &mut all.back_of } else { &mut all.front_of };
+                slot[i as usize] = e as u32;
+            }
+            all.members.extend(members);
+            all.first.push(all.members.len() as u32);
+            all.by_area.push(Discrete::new(members.iter().map(area_of)));
+        }
+        all.points = (0..n)
+            .into_par_iter()
+            .flat_map_iter(|e| (0..POINTS).map(move |k| (e, k)))
+            .map(|(e, k)| all.draw(ground, e, k))
+            .collect();
+        all
+    }
+
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.area.len()
+    }
+
+    /// True where there is none.
+    pub fn is_empty(&self) -> bool {
+        self.area.is_empty()
+    }
+
+    /// The patches of element `e`, ascending.
+    pub fn members(&self, e: usize) -> &[u32] {
+        &self.members[self.first[e] as usize..self.first[e + 1] as usize]
+    }
+
+    /// True where the kernel between points of the two can vary without bounds or nearly so.
+    pub fn are_near(&self, i: usize, j: usize) -> bool {
+        let reach = NEAR * (self.radius[i] + self.radius[j]);
+        self.centre[i].distance_squared(self.centre[j]) < reach * reach
+    }
+
+    /// Point `index` of a sequence of points uniform over element `e`, off the surface on the side that shines.
+    pub fn point(&self, ground: &Ground, e: usize, index: u32) -> SurfacePoint {
+        if index < POINTS {
+            return self.points[e * POINTS as usize + index as usize];
+        }
+        self.draw(ground, e, index)
+    }
+
+    /// One of the kept points, for rays: they are reused in turn.
+    pub fn probe_point(&self, e: usize, index: u32) -> SurfacePoint {
+        self.points[e * POINTS as usize + (index % POINTS) as usize]
+    }
+
+    fn draw(&self, ground: &Ground, e: usize, index: u32) -> SurfacePoint {
+        let [pick, x, y, _] = Sequence::new(self.seed, Stage::Element, e as u64).point(index, 0);
+        let member = self.by_area[e].as_ref().map_or(0, |table| table.sample(pick).0);
+        let patch = self.members(e)[member] as usize;
+        let mut footprint = ground.footprint(patch);
+        if !self.back[e] {
+            footprint.restrict(self.cells[patch]);
+        }
+        let mut point = footprint.sample([x, y]);
+        if self.back[e] {
+            point.normal = -point.normal;
+            point.shading = -point.shading;
+        }
+        point.position = ground.tracer.off_surface(point.position, point.normal);
+        point
+    }
+
+    /// The element under a hit: `None` on black backs and buried texels.
+    pub fn element_under(&self, ground: &Ground, hit: &Hit) -> Option<u32> {
+        let patch = ground.patch_under(hit)?;
+        let e = if hit.back { self.back_of[patch] } else { self.front_of[patch] };
+        (e != NONE).then_some(e)
+    }
+}
+
+/// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes.
+fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>> {
+    let all = ground.patches;
+    let way = |i: u32| {
+        let n = all.normal[i as usize];
+        let size = n.abs();
+        let axis = if size.x >= size.y && size.x >= size.z {
+            0
+        } else if size.y >= size.z {
+            1
+        } else {
+            2
+        };
+        2 * axis + usize::from(n[axis] < 0.0)
+    };
+    patches.sort_by_key(|&i| (way(i), i));
+    let area = |range: &std::ops::Range<usize>, patches: &[u32]| -> f64 {
+        patches[range.clone()].iter().map(|&i| f64::from(all.area[i as usize])).sum()
+    };
+    let mut heap = BinaryHeap::new();
+    let mut start = 0;
+    for group in patches.chunk_by(|&a, &b| way(a) == way(b)) {
+        let range = start..start + group.len();
+        start = range.end;
+        heap.push(Block { area: area(&range, &patches), axis: way(group[0]) / 2, range });
+    }
+    let mut done: Vec<Block> = Vec::new();
+    while heap.len() + done.len() < count {
+        let Some(block) = heap.pop() else { break };
+        if block.range.len() < 2 {
+            done.push(block);
+            continue;
+        }
+        let members = &mut patches[block.range.clone()];
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for &i in members.iter() {
+            low = low.min(all.position[i as usize]);
+            high = high.max(all.position[i as usize]);
+        }
+        let mut size = high - low;
+        size[block.axis] *= LAYER_SEPARATION;
+        let longest = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).unwrap_or(0);
+        let half = members.len() / 2;
+        members.select_nth_unstable_by(half, |&a, &b| {
+            let key = |i: u32| all.position[i as usize][longest];
+            key(a).total_cmp(&key(b)).then(a.cmp(&b))
+        });
+        let middle = block.range.start + half;
+        for range in [block.range.start..middle, middle..block.range.end] {
+            heap.push(Block { area: area(&range, &patches), axis: block.axis, range });
+        }
+    }
+    heap.into_iter().chain(done).map(|b| patches[b.range].to_vec()).collect()
+}

@@ -1,0 +1,113 @@
+//! Hemisphere sampling: cosine-distributed rays from an element; the share of them that lands on another estimates the form
+//! factor to it (Malley). One set of rays serves all receivers, and tells what escapes and what the sky sends.
+
+use super::{Effort, Elements, FormFactor};
+use crate::Result;
+use crate::color::Rgb;
+use crate::light::Lights;
+use crate::light::direct::{DirectParams, hemisphere_weight};
+use crate::patch::Ground;
+use crate::progress::Progress;
+use crate::sample::sequence::{Sequence, Stage};
+use crate::sample::warp::{cosine_hemisphere, frame};
+use crate::trace::{Hit, Ray};
+use rayon::prelude::*;
+use std::f32::consts::PI;
+
+/// What an element's rays found.
+#[derive(Clone, Debug, Default)]
+pub struct Probe {
+    /// Elements that were hit, ascending, with the share of the rays that hit them.
+    pub landed: Vec<(u32, f32)>,
+    /// Share of the rays that landed on elements; the rest escaped or fell on black backs.
+    pub landed_share: f32,
+    /// Irradiance of the sky [lx], without the part that brightness samples carry.
+    pub sky: Rgb,
+}
+
+/// Probes every element with `rays` rays each.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn probe(
+    elements: &Elements,
+    ground: &Ground,
+    lights: &Lights,
+    direct: &DirectParams,
+    rays: u32,
+    progress: &dyn Progress,
+) -> Result<Vec<Probe>> {
+    (0..elements.len())
+        .into_par_iter()
+        .map(|i| {
+            progress.check()?;
+            Ok(probe_one(elements, ground, lights, direct, rays, i))
+        })
+        .collect()
+}
+
+fn probe_one(
+    elements: &Elements,
+    ground: &Ground,
+    lights: &Lights,
+    direct: &DirectParams,
+    count: u32,
+    i: usize,
+) -> Probe {
+    let (rays, hits) = shoot(elements, ground, i, 0, count);
+    let mut landed: Vec<u32> = Vec::with_capacity(rays.len());
+    let mut sky = Rgb::ZERO;
+    for (index, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
+        match hit {
+            Some(hit) => landed.extend(elements.element_under(ground, hit)),
+            None => {
+                if let Some(s) = &lights.sky {
+                    let normal = elements.probe_point(i, index as u32).normal;
+                    let weight = hemisphere_weight(lights, direct, ray.direction, ray.direction.dot(normal));
+                    sky += s.radiance(ground.scene, ray.direction) * weight;
+                }
+            }
+        }
+    }
+    landed.sort_unstable();
+    let n = count as f32;
+    Probe {
+        landed_share: landed.len() as f32 / n,
+        landed: landed.chunk_by(|a, b| a == b).map(|g| (g[0], g.len() as f32 / n)).collect(),
+        sky: sky * (PI / n),
+    }
+}
+
+/// Cosine-distributed rays `first..end` of element `i`, and what they hit.
+fn shoot(elements: &Elements, ground: &Ground, i: usize, first: u32, end: u32) -> (Vec<Ray>, Vec<Option<Hit>>) {
+    let sequence = Sequence::new(elements.seed, Stage::Probe, i as u64);
+    let rays: Vec<Ray> = (first..end)
+        .map(|index| {
+            let point = elements.probe_point(i, index);
+            let [x, y, ..] = sequence.point(index, 0);
+            Ray { origin: point.position, direction: frame(point.normal) * cosine_hemisphere([x, y]) }
+        })
+        .collect();
+    let mut hits = vec![None; rays.len()];
+    ground.tracer.closest(&rays, &mut hits);
+    (rays, hits)
+}
+
+/// The form factor from element `i` to `j` by the share of rays that land on it, doubled until the standard error of the
+/// count is small enough.
+pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
+    let (mut taken, mut end, mut landed) = (0u32, 64.min(effort.most_samples), 0u32);
+    loop {
+        let (_, hits) = shoot(elements, ground, i, taken, end);
+        let on_target = |hit: &&Hit| elements.element_under(ground, hit) == Some(j as u32);
+        landed += hits.iter().flatten().filter(on_target).count() as u32;
+        taken = end;
+        let n = f64::from(taken);
+        let value = f64::from(landed) / n;
+        let error = (value * (1.0 - value) / n).sqrt();
+        if taken >= effort.most_samples || (landed > 0 && error <= effort.tolerance(value)) {
+            return FormFactor { value, error, samples: taken };
+        }
+        end = taken * 2;
+    }
+}
