@@ -1,1 +1,36 @@
-fn main() {}
+//! The command `lumel`: arguments to settings, the library, and back to an exit code.
+//!
+//! Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted. Results go to files, or to stdout where the command prints
+//! something (`inspect`, `compare`, `completions`); progress, warnings and errors go to stderr.
+
+mod args;
+mod bake;
+mod compare;
+mod config;
+mod console;
+mod destination;
+mod failure;
+mod inspect;
+mod interrupt;
+mod log;
+mod print;
+
+use args::{Args, Command};
+use clap::Parser;
+use console::Console;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    let console = Console::new(&args.console);
+    failure::exit_code(&console, || {
+        log::start(&args.console)?;
+        match &args.command {
+            Command::Bake(a) => bake::bake(a, &console),
+            Command::Unwrap(a) => bake::unwrap(a, &console),
+            Command::Inspect(a) => inspect::inspect(a, &console),
+            Command::Compare(a) => compare::compare(a),
+            Command::Completions(a) => print::completions(a.shell),
+        }
+    })
+}

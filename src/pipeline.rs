@@ -1,6 +1,6 @@
 //! The data's way, in order: load, unwrap, rasterize, direct, solve, gather, post, write.
 
-use crate::error::Result;
+use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use crate::settings::Settings;
 use std::path::Path;
@@ -10,10 +10,30 @@ use std::path::Path;
 /// # Errors
 /// Those of the stages; nothing is written unless the whole bake succeeds.
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
-    let _ = (scene, folder, settings, progress);
-    todo!()
+    let _ = (folder, settings);
+    progress.begin("load", 0);
+    crate::load::load(scene)?;
+    Err(Error::unsupported(scene.display(), "not built yet"))
+}
+
+/// Makes lightmap UVs for the scene file `scene` and writes them into the folder `folder`, without light.
+///
+/// # Errors
+/// As [`bake`].
+pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
+    bake(scene, folder, settings, progress)
 }
 
 /// What a bake did; written as `report.json`.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct Report {}
+pub struct Report {
+    /// What was met on the way.
+    pub warnings: Warnings,
+}
+
+impl Report {
+    /// The result in a few lines for people.
+    pub fn summary(&self) -> Vec<String> {
+        Vec::new()
+    }
+}

@@ -1,0 +1,290 @@
+//! What can be typed: the command line as clap reads it, before it means anything.
+//!
+//! Every option that stands for a setting is an `Option`, so that an absent flag leaves the config file's value alone; the
+//! groups turn into TOML tables with the keys of `lumel.toml`, and [`super::config`] lays them over it. Values are kept as
+//! text where the library has an enum: serde reads both the file and the flag, so there is one list of names to trust.
+
+use clap::builder::PossibleValuesParser;
+use clap::{Parser, Subcommand, ValueEnum, ValueHint};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Bakes lightmaps: reads a USD or glTF scene, gives it lightmap UVs, solves the light by radiosity, and writes EXR pages,
+/// GLBs and a USD layer.
+#[derive(Debug, Parser)]
+#[command(name = "lumel", version, propagate_version = true, max_term_width = 120)]
+#[command(after_help = "Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted.\n\
+    LUMEL_LOG (or RUST_LOG) = error|warn|info|debug|trace writes a log to stderr.")]
+pub struct Args {
+    #[command(subcommand)]
+    pub command: Command,
+    #[command(flatten)]
+    pub console: ConsoleArgs,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Bake the light of a scene into lightmaps
+    ///
+    /// Writes lightmaps/<stem>_<page>.exr, <stem>.glb (lightmap UVs added, materials untouched), <stem>.vertex.glb (baked
+    /// vertex colours), for a USD scene <stem>.lumel.usda (an override layer), and report.json. The input is never touched.
+    Bake(Box<BakeArgs>),
+    /// Make lightmap UVs only
+    Unwrap(Box<UnwrapArgs>),
+    /// Show what a bake would see: surfaces, areas [m^2], lights with units, texels, warnings
+    Inspect(InspectArgs),
+    /// Compare two baked EXR pages, and draw where they differ
+    Compare(CompareArgs),
+    /// Print a completion script for a shell
+    Completions(CompletionArgs),
+}
+
+/// How the run talks, for every command.
+#[derive(Debug, Default, clap::Args)]
+#[command(next_help_heading = "Console")]
+pub struct ConsoleArgs {
+    /// Write nothing to stderr but errors
+    #[arg(long, global = true)]
+    pub quiet: bool,
+    /// Form of progress, warnings and errors on stderr; json: one object a line [default: text]
+    #[arg(long, global = true, value_enum, value_name = "FORMAT", hide_possible_values = false)]
+    pub log_format: Option<LogFormat>,
+}
+
+/// Form of what goes to stderr.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    Text,
+    Json,
+}
+
+/// `lumel bake`.
+#[derive(Debug, clap::Args)]
+pub struct BakeArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder to write to; made where missing [default: ./<stem>_baked]
+    #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub texels: TexelArgs,
+    #[command(flatten)]
+    pub uvs: UvArgs,
+    #[command(flatten)]
+    pub light: LightArgs,
+    #[command(flatten)]
+    pub effort: EffortArgs,
+    #[command(flatten)]
+    pub results: ResultArgs,
+    #[command(flatten)]
+    pub running: RunningArgs,
+}
+
+/// `lumel unwrap`.
+#[derive(Debug, clap::Args)]
+pub struct UnwrapArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder to write to; made where missing [default: ./<stem>_baked]
+    #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub texels: TexelArgs,
+    #[command(flatten)]
+    pub uvs: UvArgs,
+    #[command(flatten)]
+    pub running: RunningArgs,
+}
+
+/// `lumel inspect`.
+#[derive(Debug, clap::Args)]
+pub struct InspectArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Print JSON in place of tables
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub texels: TexelArgs,
+}
+
+/// `lumel compare`.
+#[derive(Debug, clap::Args)]
+pub struct CompareArgs {
+    /// Page to judge
+    #[arg(value_name = "A.exr", value_hint = ValueHint::FilePath)]
+    pub test: PathBuf,
+    /// Page to trust, of the same size; errors are relative to it
+    #[arg(value_name = "B.exr", value_hint = ValueHint::FilePath)]
+    pub reference: PathBuf,
+    /// Error image to write: blue where A is darker, red where brighter, white where equal, black where neither has a
+    /// surface, magenta where only one has
+    #[arg(short, long, value_name = "error.png", value_hint = ValueHint::FilePath)]
+    pub output: Option<PathBuf>,
+    /// Relative error that is drawn in full blue or red, more than 0 [%]
+    #[arg(long, value_name = "PERCENT", default_value_t = 20.0)]
+    pub range: f32,
+    /// Print JSON in place of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lumel completions`.
+#[derive(Debug, clap::Args)]
+pub struct CompletionArgs {
+    /// The shell
+    #[arg(value_name = "SHELL")]
+    pub shell: clap_complete::Shell,
+}
+
+/// The scene, and the settings that hold for all of a run.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct SceneArgs {
+    /// Scene file: .gltf .glb .usd .usda .usdc .usdz
+    #[arg(value_name = "SCENE", value_hint = ValueHint::FilePath)]
+    #[serde(skip)]
+    pub scene: PathBuf,
+    /// Settings file with the long options as keys [default: lumel.toml beside the scene, where there is one]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    #[serde(skip)]
+    pub config: Option<PathBuf>,
+    /// Preset for every stage. Without --density or --resolution the scene gets about 2^16, 2^18, 2^20 or 2^22 texels
+    /// [default: medium]
+    #[arg(long, short, value_name = "PRESET", value_parser = PossibleValuesParser::new(["draft", "medium", "high", "production"]))]
+    pub quality: Option<String>,
+}
+
+/// How many texels, on which pages.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Texels")]
+#[serde(rename_all = "kebab-case")]
+pub struct TexelArgs {
+    /// Everything on one page of N x N texels, density chosen to fill it [texels; 16..16384]
+    #[arg(long, value_name = "N", conflicts_with_all = ["density", "page_size"])]
+    pub resolution: Option<u32>,
+    /// Size of the texels [texels per metre; 0.0001..100000; default: by --quality]
+    #[arg(long, value_name = "T")]
+    pub density: Option<f32>,
+    /// Largest page, N x N [texels; 16..16384; default: 2048]
+    #[arg(long, value_name = "N")]
+    pub page_size: Option<u32>,
+    /// Most pages; the density falls, with a warning, where more would be needed [1..1024; default: 64]
+    #[arg(long, value_name = "K")]
+    pub max_pages: Option<u32>,
+}
+
+/// Lightmap UVs.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Lightmap UVs")]
+#[serde(rename_all = "kebab-case")]
+pub struct UvArgs {
+    /// Empty texels between charts [texels; 1..64; default: 2]
+    #[arg(long, value_name = "N")]
+    pub padding: Option<u32>,
+    /// auto: authored lightmap UVs where they are sound, else new ones; keep: authored ones or an error; new: new ones
+    /// [default: auto]
+    #[arg(long, value_name = "MODE", value_parser = PossibleValuesParser::new(["auto", "keep", "new"]))]
+    pub uv: Option<String>,
+    /// Name of the UV set [default: TEXCOORD_1, st1]
+    #[arg(long, value_name = "NAME")]
+    pub uv_name: Option<String>,
+}
+
+/// Light for a scene that has none, or in place of its own sky.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Light")]
+#[serde(rename_all = "kebab-case")]
+pub struct LightArgs {
+    /// Constant sky radiance, linear Rec.709, in place of the scene's sky [nit; 0 or more]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, conflicts_with = "environment")]
+    pub sky: Option<[f32; 3]>,
+    /// Latlong picture (.exr .hdr .png .jpg) as the sky, in place of the scene's [nit]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub environment: Option<PathBuf>,
+    /// Lights that are baked in, which an engine would add again: mark them in the output, remove them, or keep them as
+    /// they are [default: mark]
+    #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["mark", "remove", "keep"]))]
+    pub lights: Option<String>,
+}
+
+/// How hard to work.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Effort")]
+#[serde(rename_all = "kebab-case")]
+pub struct EffortArgs {
+    /// Interreflections counted; 0: direct light only [0..1000; default: until the solution has converged]
+    #[arg(long, value_name = "N")]
+    pub max_bounces: Option<u32>,
+    /// Final gather rays for each texel [1..65536; default: by --quality]
+    #[arg(long, value_name = "N")]
+    pub samples: Option<u32>,
+    /// Seed of the random numbers; equal seeds give equal bytes [default: 0]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u32>,
+}
+
+/// What is written.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Results")]
+#[serde(rename_all = "kebab-case")]
+pub struct ResultArgs {
+    /// What a texel holds; outgoing: E / pi [nit], to be multiplied by the albedo and nothing else; irradiance: E [lx];
+    /// radiosity: B [lm/m^2], emission included [default: outgoing]
+    #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["outgoing", "irradiance", "radiosity"]))]
+    pub quantity: Option<String>,
+    /// The normal that E is about: the interpolated one where authored, or the triangle's [default: shading]
+    #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["shading", "geometric"]))]
+    pub normals: Option<String>,
+    /// 32-bit float pages in place of 16-bit half [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub float: Option<bool>,
+    /// Forms of the GLB, separated by commas [default: engine,vertex]
+    #[arg(long, value_name = "FORMS", value_delimiter = ',', value_parser = PossibleValuesParser::new(["engine", "vertex"]))]
+    pub gltf: Option<Vec<String>>,
+    /// Folder for numbered EXR files of the stages in between
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub dump_stages: Option<PathBuf>,
+}
+
+/// Running it.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Running")]
+#[serde(rename_all = "kebab-case")]
+pub struct RunningArgs {
+    /// Worker threads; the result doesn't depend on it [1..1024; default: one for each core]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Replace another scene's bake in the output folder [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub overwrite: Option<bool>,
+}
+
+/// `r,g,b`, or one number for all three.
+fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
+    let values: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
+    match values.as_deref() {
+        Ok([r, g, b]) => Ok([*r, *g, *b]),
+        Ok([v]) => Ok([*v; 3]),
+        _ => Err("expected three numbers [nit] separated by commas, as in 1,1,1".to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn sky_takes_one_or_three_numbers() {
+        assert_eq!(parse_rgb("1, 2,3"), Ok([1.0, 2.0, 3.0]));
+        assert_eq!(parse_rgb("0.5"), Ok([0.5; 3]));
+        assert!(parse_rgb("1,2").is_err() && parse_rgb("blue").is_err());
+    }
+}

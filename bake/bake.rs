@@ -1,0 +1,54 @@
+//! `lumel bake` and `lumel unwrap`: the commands that run the pipeline and write a folder.
+
+use super::args::{BakeArgs, UnwrapArgs};
+use super::config::{self, Resolved, Typed};
+use super::console::Console;
+use super::failure::Failure;
+use super::{destination, interrupt};
+use lumel::pipeline::{self, Report};
+use lumel::progress::Progress;
+use lumel::settings::Settings;
+use lumel::{Error, Result};
+use std::path::Path;
+use std::time::Instant;
+
+/// Stack of the worker threads [bytes]. The pipeline itself runs on one of them, and readers recurse over the depth of the
+/// scene; the default of 2 MiB is a quarter of what the main thread would have had.
+const STACK_SIZE: usize = 16 << 20;
+
+/// What the pipeline offers: a scene file and a folder to a report.
+type Job = fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report>;
+
+/// `lumel bake`.
+pub fn bake(args: &BakeArgs, console: &Console) -> std::result::Result<(), Failure> {
+    run(args, args.output.as_deref(), console, pipeline::bake)
+}
+
+/// `lumel unwrap`.
+pub fn unwrap(args: &UnwrapArgs, console: &Console) -> std::result::Result<(), Failure> {
+    run(args, args.output.as_deref(), console, pipeline::unwrap)
+}
+
+fn run(args: &impl Typed, output: Option<&Path>, console: &Console, job: Job) -> std::result::Result<(), Failure> {
+    let start = Instant::now();
+    let scene = args.scene().scene.as_path();
+    let Resolved { settings, file } = config::resolve(args)?;
+    let folder = destination::folder(scene, output);
+    let inputs: Vec<&Path> =
+        [Some(scene), file.as_deref(), settings.environment.as_deref()].into_iter().flatten().collect();
+    destination::refuse_replacing(scene, &inputs, &folder)?;
+
+    interrupt::install(console, console.cancel_flag(), Some(folder.clone()));
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(settings.threads.unwrap_or(0))
+        .stack_size(STACK_SIZE)
+        .thread_name(|i| format!("lumel-{i}"))
+        .build()
+        .map_err(|e| Error::invalid("--threads", e))?;
+    let result = pool.install(|| job(scene, &folder, &settings, console));
+    console.finish();
+    let report = result?;
+    console.warnings(&report.warnings);
+    console.done(&folder, &report.summary(), start.elapsed().as_secs_f64());
+    Ok(())
+}

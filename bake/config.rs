@@ -1,0 +1,267 @@
+//! From what was typed to what it means: `lumel.toml`, the command line over it, the library's defaults below both.
+//!
+//! Layers are merged as TOML tables and read by serde once, so that an absent flag never overrides a key, and the file and
+//! the command line share one list of names and values.
+
+use super::args::{BakeArgs, InspectArgs, SceneArgs, UnwrapArgs};
+use super::failure::Failure;
+use lumel::settings::Settings;
+use lumel::{Error, Result};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Name of the settings file that is read where it lies beside the scene.
+const FILE_NAME: &str = "lumel.toml";
+
+/// Keys that hold paths; relative ones are relative to the file in which they stand.
+const PATH_KEYS: [&str; 2] = ["environment", "dump-stages"];
+
+/// Keys that take the place of others: `--resolution` on the command line drops `density` of the file, and so on.
+const REPLACES: [(&str, &[&str]); 5] = [
+    ("resolution", &["density", "page-size"]),
+    ("density", &["resolution"]),
+    ("page-size", &["resolution"]),
+    ("sky", &["environment"]),
+    ("environment", &["sky"]),
+];
+
+/// Resolved settings, and the files that they came from.
+#[derive(Debug)]
+pub struct Resolved {
+    pub settings: Settings,
+    /// The config file that was read.
+    pub file: Option<PathBuf>,
+}
+
+/// The command lines that carry settings.
+pub trait Typed {
+    /// The scene and its config.
+    fn scene(&self) -> &SceneArgs;
+    /// What was typed, with the keys of `lumel.toml`.
+    fn table(&self) -> Result<Table>;
+}
+
+impl Typed for BakeArgs {
+    fn scene(&self) -> &SceneArgs {
+        &self.scene
+    }
+    fn table(&self) -> Result<Table> {
+        let groups = [
+            table(&self.scene)?,
+            table(&self.texels)?,
+            table(&self.uvs)?,
+            table(&self.light)?,
+            table(&self.effort)?,
+            table(&self.results)?,
+            table(&self.running)?,
+        ];
+        Ok(groups.into_iter().flatten().collect())
+    }
+}
+
+impl Typed for UnwrapArgs {
+    fn scene(&self) -> &SceneArgs {
+        &self.scene
+    }
+    fn table(&self) -> Result<Table> {
+        let groups = [table(&self.scene)?, table(&self.texels)?, table(&self.uvs)?, table(&self.running)?];
+        Ok(groups.into_iter().flatten().collect())
+    }
+}
+
+impl Typed for InspectArgs {
+    fn scene(&self) -> &SceneArgs {
+        &self.scene
+    }
+    fn table(&self) -> Result<Table> {
+        Ok([table(&self.scene)?, table(&self.texels)?].into_iter().flatten().collect())
+    }
+}
+
+/// An options group as a table; absent options are absent keys.
+fn table(group: &impl Serialize) -> Result<Table> {
+    Table::try_from(group).map_err(|e| Error::invalid("command line", e))
+}
+
+/// The settings of a run.
+///
+/// # Errors
+/// `Usage`, naming file, line and key where the config file is wrong, else the option.
+pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
+    let scene = args.scene();
+    let beside = scene.scene.with_file_name(FILE_NAME);
+    let file = scene.config.clone().or_else(|| beside.is_file().then_some(beside));
+    let lower = match &file {
+        Some(path) => read(path).map_err(Failure::Usage)?,
+        None => Table::new(),
+    };
+    let settings = args.table().and_then(|typed| settle(lower, typed)).map_err(Failure::Usage)?;
+    Ok(Resolved { settings, file })
+}
+
+/// Reads and checks a config file on its own, so that a mistake in it is found at its line.
+fn read(path: &Path) -> Result<Table> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    let mut table = parse(&text, path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    for key in PATH_KEYS {
+        if let Some(Value::String(p)) = table.get_mut(key) {
+            *p = folder.join(&*p).to_string_lossy().into_owned();
+        }
+    }
+    Ok(table)
+}
+
+/// A config file's text as a table with known keys, and values of the right kind and range. `path` is for messages.
+fn parse(text: &str, path: &Path) -> Result<Table> {
+    let at = |span: Option<std::ops::Range<usize>>, e: &str| {
+        let offset = span.map_or(0, |s| s.start).min(text.len());
+        let (line, key) = line_and_key(text, offset);
+        let place = format!("{}:{line}", path.display());
+        match key {
+            Some(key) if !e.contains(&format!("`{key}`")) => Error::invalid(format!("{place}: {key}"), e),
+            _ => Error::invalid(place, e),
+        }
+    };
+    let settings: Settings = toml::from_str(text).map_err(|e| at(e.span(), e.message()))?;
+    if let Err(e) = settings.check() {
+        // Its place is the key.
+        if let Error::Invalid { place: key, message } = &e {
+            let line = text.lines().position(|l| key_of(l) == Some(key)).map_or(1, |i| i + 1);
+            return Err(Error::invalid(format!("{}:{line}: {key}", path.display()), message));
+        }
+        return Err(e);
+    }
+    toml::from_str(text).map_err(|e| at(e.span(), e.message()))
+}
+
+/// The number of the line at byte `offset`, from 1, and the key that is set there or begins above it.
+fn line_and_key(text: &str, offset: usize) -> (usize, Option<&str>) {
+    // Bytes: an offset need not lie between two characters.
+    let line = text.as_bytes()[..offset].iter().filter(|&&b| b == b'\n').count() + 1;
+    let key = text.lines().take(line).collect::<Vec<_>>().into_iter().rev().find_map(key_of);
+    (line, key)
+}
+
+/// The key that a line sets, where it sets one.
+fn key_of(line: &str) -> Option<&str> {
+    let key = line.split_once('=')?.0.trim().trim_matches('"');
+    (!key.is_empty() && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')).then_some(key)
+}
+
+/// Lays `typed` over `lower` and reads the result.
+fn settle(mut lower: Table, typed: Table) -> Result<Settings> {
+    for (key, others) in REPLACES {
+        if typed.contains_key(key) {
+            for other in others {
+                lower.remove(*other);
+            }
+        }
+    }
+    lower.extend(typed);
+    let settings: Settings =
+        Value::Table(lower).try_into().map_err(|e: toml::de::Error| Error::invalid("settings", e.message()))?;
+    settings.check().map_err(|e| match e {
+        Error::Invalid { place, message } => Error::invalid(format!("--{place}"), message),
+        e => e,
+    })?;
+    Ok(settings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::{Args, Command};
+    use clap::Parser;
+    use lumel::settings::{GltfProfile, Quality};
+    use lumel::unwrap::UvMode;
+
+    fn typed(line: &str) -> Table {
+        let args =
+            Args::try_parse_from(["lumel", "bake", "room.glb"].into_iter().chain(line.split_whitespace())).unwrap();
+        let Command::Bake(bake) = args.command else { panic!("not a bake") };
+        bake.table().unwrap()
+    }
+
+    fn layered(file: &str, line: &str) -> Settings {
+        settle(parse(file, Path::new("lumel.toml")).unwrap(), typed(line)).unwrap()
+    }
+
+    fn complaint(file: &str) -> String {
+        parse(file, Path::new("a/lumel.toml")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn absent_flags_are_absent_keys() {
+        assert!(typed("").is_empty());
+    }
+
+    #[test]
+    fn the_command_line_wins_over_the_file_and_the_file_over_the_defaults() {
+        let file = "quality = \"high\"\nseed = 7\nfloat = true\nmax-bounces = 3\nuv = \"new\"\n";
+        let s = layered(file, "--seed 9 --float=false");
+        assert_eq!((s.quality, s.seed, s.float, s.max_bounces, s.uv), (Quality::High, 9, false, Some(3), UvMode::New));
+        assert_eq!(s.samples, None);
+        let s = layered(file, "");
+        assert_eq!((s.seed, s.float), (7, true));
+    }
+
+    #[test]
+    fn every_setting_has_its_option() {
+        let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
+                    --quantity irradiance --float --max-bounces 4 --samples 64 --seed 5 --threads 2 --sky 1,2,0.1 \
+                    --gltf engine,vertex --lights remove --dump-stages d --overwrite";
+        let mut keys: Vec<String> = typed(line).keys().cloned().collect();
+        keys.extend(typed("--density 2 --page-size 512 --environment e.hdr").keys().cloned());
+        keys.sort();
+        // Not through TOML: it has no null for a value that is absent.
+        let all = serde_json::to_value(Settings::default()).unwrap();
+        let mut expected: Vec<String> = all.as_object().unwrap().keys().cloned().collect();
+        expected.sort();
+        assert_eq!(keys, expected);
+        let s = layered("", line);
+        assert_eq!(s.sky, Some([1.0, 2.0, 0.1]));
+        assert_eq!(s.gltf.as_deref(), Some([GltfProfile::Engine, GltfProfile::Vertex].as_slice()));
+        assert_eq!(s.threads, Some(2));
+    }
+
+    #[test]
+    fn an_option_takes_the_place_of_the_files_alternative() {
+        let s = layered("density = 32.0\npage-size = 512", "--resolution 256");
+        assert_eq!((s.resolution, s.density, s.page_size), (Some(256), None, None));
+        let s = layered("environment = \"sky.hdr\"", "--sky 1,1,1");
+        assert!(s.environment.is_none() && s.sky.is_some());
+    }
+
+    #[test]
+    fn a_mistake_in_the_file_names_file_line_and_key() {
+        let e = complaint("seed = 1\nqualty = \"high\"\n");
+        assert!(e.starts_with("a/lumel.toml:2: ") && e.contains("qualty"), "{e}");
+        let e = complaint("# a comment\n\nresolution = \"big\"\n");
+        assert!(e.starts_with("a/lumel.toml:3: resolution: "), "{e}");
+        let e = complaint("seed = 1\nresolution = 4\n");
+        assert!(e.starts_with("a/lumel.toml:2: resolution: 4 is out of range"), "{e}");
+        let e = complaint("sky = [\n  1.0,\n  \"x\",\n  1.0]\n");
+        assert!(e.contains("sky"), "{e}");
+        let e = complaint("seed = = 1\n");
+        assert!(e.starts_with("a/lumel.toml:1"), "{e}");
+    }
+
+    #[test]
+    fn out_of_range_options_name_the_option() {
+        let e = settle(Table::new(), typed("--resolution 4")).unwrap_err().to_string();
+        assert!(e.starts_with("--resolution: 4 is out of range"), "{e}");
+    }
+
+    #[test]
+    fn paths_in_the_file_are_relative_to_it() {
+        let dir = std::env::temp_dir().join(format!("lumel-config-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        let path = dir.join("lumel.toml");
+        std::fs::write(&path, "environment = \"sky/day.hdr\"\n").unwrap();
+        let settings = settle(read(&path).unwrap(), typed("")).unwrap();
+        assert_eq!(settings.environment, Some(dir.join("sky/day.hdr")));
+        std::fs::remove_dir_all(dir).unwrap();
+    }
+}
