@@ -1,1 +1,0 @@
-//! The USD override layer.

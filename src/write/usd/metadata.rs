@@ -1,0 +1,179 @@
+//! The layer's metadata: what the input's root layer says about the stage, and what we say about the bake.
+//!
+//! A stage takes its metadata (up axis, units, time codes, default prim, ...) from its root layer alone, so as the new root
+//! layer we repeat what the input has.
+
+use super::layer::{self, Layer};
+use crate::error::{Error, Result};
+use crate::write::Baked;
+use openusd::sdf::{self, AbstractData, AssetPath, Value};
+use openusd::usda::TextWriter;
+use std::collections::HashMap;
+use std::path::{Component, Path, PathBuf};
+
+/// Fields of a root layer that either compose through sublayers or are about that layer alone.
+const NOT_COPIED: [&str; 11] = [
+    "primChildren",
+    "primOrder",
+    "subLayers",
+    "subLayerOffsets",
+    "layerRelocates",
+    "customLayerData",
+    "comment",
+    "documentation",
+    "hasOwnedSubLayers",
+    "owner",
+    "sessionOwner",
+];
+
+/// Writes the sublayer, the metadata of the `input`'s root layer and `customLayerData.lumel` into `layer`. `anchor` is what
+/// relative asset paths in the input are relative to: its folder, or for a package `file.usdz[`, as seen from the output
+/// folder.
+///
+/// # Errors
+/// `Invalid` where a value can't be read, `Unsupported` where it can't be written.
+pub fn copy(layer: &mut Layer, input: &dyn AbstractData, sublayer: &str, baked: &Baked) -> Result<()> {
+    let root = sdf::Path::abs_root();
+    let field = |name: &str| -> Result<Option<Value>> {
+        let value = input.try_field(&root, name).map_err(|e| Error::invalid(sublayer, e))?;
+        Ok(value.map(|v| anchored(v.into_owned(), sublayer)))
+    };
+    let text = |value: &Value| TextWriter::value_to_string(value).map_err(|e| Error::unsupported(sublayer, e));
+
+    let mut custom = match field("customLayerData")? {
+        Some(Value::Dictionary(dictionary)) => dictionary,
+        _ => HashMap::new(),
+    };
+    custom.insert("lumel".into(), Value::Dictionary(bake_data(baked)?));
+    layer.metadata.push(("customLayerData".into(), text(&Value::Dictionary(custom))?));
+
+    let mut names = input.list_fields(&root).unwrap_or_default();
+    names.retain(|n| !NOT_COPIED.contains(&n.as_str()) && n.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_'));
+    names.sort();
+    for name in names {
+        if let Some(value) = field(&name)? {
+            layer.metadata.push((name, text(&value)?));
+        }
+    }
+    layer.metadata.push(("subLayers".into(), format!("[{}]", layer::asset(sublayer)?)));
+    Ok(())
+}
+
+/// The contents of `customLayerData.lumel`.
+fn bake_data(baked: &Baked) -> Result<HashMap<String, Value>> {
+    let quantity = baked.lightmap.quantity;
+    let mut pages = Vec::with_capacity(baked.page_uris.len());
+    for uri in baked.page_uris {
+        let path = page_path(uri);
+        layer::asset(&path)?;
+        pages.push(AssetPath::new(path));
+    }
+    Ok(HashMap::from([
+        ("version".to_string(), Value::String(env!("CARGO_PKG_VERSION").to_string())),
+        ("quantity".to_string(), Value::String(quantity.name().to_string())),
+        ("unit".to_string(), Value::String(quantity.unit().to_string())),
+        ("pages".to_string(), Value::AssetPathVec(pages)),
+    ]))
+}
+
+/// A page's asset path: `./` makes it relative to the layer, and not to a search path.
+pub fn page_path(uri: &str) -> String {
+    format!("./{uri}")
+}
+
+/// `value` with its relative asset paths, at any depth, rewritten from the input's place to ours.
+fn anchored(value: Value, sublayer: &str) -> Value {
+    let anchor = |path: AssetPath| AssetPath::new(anchored_path(path.as_str(), sublayer));
+    match value {
+        Value::AssetPath(path) => Value::AssetPath(anchor(path)),
+        Value::AssetPathVec(paths) => Value::AssetPathVec(paths.into_iter().map(anchor).collect()),
+        Value::Dictionary(entries) => {
+            Value::Dictionary(entries.into_iter().map(|(k, v)| (k, anchored(v, sublayer))).collect())
+        }
+        value => value,
+    }
+}
+
+/// Only `./x` and `../x` are surely relative to the layer; anything else may be a search path, an URI or an expression.
+fn anchored_path(path: &str, sublayer: &str) -> String {
+    if !path.starts_with("./") && !path.starts_with("../") {
+        return path.to_string();
+    }
+    if sublayer.to_ascii_lowercase().ends_with(".usdz") {
+        return format!("{sublayer}[{}]", path.trim_start_matches("./"));
+    }
+    match sublayer.rfind('/') {
+        Some(end) => format!("{}/{}", &sublayer[..end], path.strip_prefix("./").unwrap_or(path)),
+        None => path.to_string(),
+    }
+}
+
+/// The asset path, relative with forward slashes, that leads from a layer in `folder` to `file`; absolute where they share
+/// no root (Windows drives).
+///
+/// # Errors
+/// `Io` where the working folder or `file` can't be looked up, `Unsupported` where the path is no Unicode.
+pub fn relative(file: &Path, folder: &Path) -> Result<String> {
+    let absolute = |p: &Path| std::path::absolute(p).map_err(|e| Error::io(p, e));
+    let (lexical_file, lexical_folder) = (normal(&absolute(file)?), normal(&absolute(folder)?));
+    // USD resolves `..` in the text of a path, the operating system in the folders themselves. Where a link makes the two
+    // differ, real places are the better guess: a tool that was given the folder by another name may still find the file.
+    let real_file = lexical_file.canonicalize().map_err(|e| Error::io(file, e))?;
+    let steps = match steps(&lexical_file, &lexical_folder) {
+        Some(s) if lexical_folder.join(&s).canonicalize().is_ok_and(|found| found == real_file) => Some(s),
+        // A folder that is not there yet can't be a link.
+        Some(s) if !lexical_folder.exists() => Some(s),
+        _ => lexical_folder.canonicalize().ok().and_then(|real| self::steps(&real_file, &real)),
+    };
+    let path = steps.unwrap_or(real_file);
+    let text = path.to_str().ok_or_else(|| Error::unsupported(path.display(), "the path is not Unicode; rename it"))?;
+    let text = if cfg!(windows) { text.replace('\\', "/") } else { text.to_string() };
+    Ok(if path.is_absolute() || text.starts_with("../") { text } else { format!("./{text}") })
+}
+
+/// The way from `folder` to `file`, both absolute; `None` where they share no root.
+fn steps(file: &Path, folder: &Path) -> Option<PathBuf> {
+    let (file, folder): (Vec<_>, Vec<_>) = (file.components().collect(), folder.components().collect());
+    let shared = file.iter().zip(&folder).take_while(|(a, b)| a == b).count();
+    if shared == 0 {
+        return None;
+    }
+    let up = folder[shared..].iter().map(|_| Component::ParentDir);
+    Some(up.chain(file[shared..].iter().copied()).collect())
+}
+
+/// `path` without `.` and `..` as far as its text goes.
+fn normal(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir => {
+                out.pop();
+            }
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_lead_from_the_folder_to_the_file() {
+        let way = |file: &str, folder: &str| steps(&normal(Path::new(file)), &normal(Path::new(folder)));
+        assert_eq!(way("/a/b/s.usd", "/a/b/s_baked"), Some("../s.usd".into()));
+        assert_eq!(way("/a/b/s.usd", "/a/b"), Some("s.usd".into()));
+        assert_eq!(way("/a/b/../s.usd", "/c/./d"), Some("../../a/s.usd".into()));
+    }
+
+    #[test]
+    fn asset_paths_keep_their_file() {
+        assert_eq!(anchored_path("./ocio/config.ocio", "../in/s.usda"), "../in/ocio/config.ocio");
+        assert_eq!(anchored_path("../config.ocio", "./s.usda"), "./../config.ocio");
+        assert_eq!(anchored_path("config.ocio", "../s.usda"), "config.ocio");
+        assert_eq!(anchored_path("./config.ocio", "../s.usdz"), "../s.usdz[config.ocio]");
+    }
+}

@@ -1,0 +1,92 @@
+//! USD writer: a layer over the input that holds lightmap UVs, rectangles, pages and baked colours, and no geometry.
+//!
+//! The input is its only sublayer, so references, payloads, variants and animation stay live. Every gprim with a lightmap has
+//!
+//! | opinion | meaning |
+//! |---|---|
+//! | `texCoord2f[] primvars:st1` | the mesh's lightmap UVs, faceVarying, indexed, v up; another name where a material reads `st1` |
+//! | `token lumel:uvName` | the name of the primvar that holds them: ours, or an authored one that is used as it stands |
+//! | `float4 primvars:lumel:scaleOffset` | the surface's rectangle: page UV = UV * (x, y) + (z, w), v up |
+//! | `asset lumel:lightmap` | the page |
+//! | `token lumel:quantity` | what page and colours hold: `outgoing`, `irradiance` or `radiosity` |
+//! | `color3f[] primvars:lumel:irradiance` | that quantity at points or corners, not clamped |
+//! | `color3f[] primvars:displayColor` | the same, where the look of the prim doesn't depend on its displayColor |
+//!
+//! Below a native instance the shared opinions (UVs, names, quantity) stand on a class that the instances inherit. Rectangle, page and
+//! quantity stand on the instance's prim: `primvars:lumel:scaleOffset` and `lumel:lightmap`, which the gprim inherits as any
+//! constant primvar. Where one instance holds several gprims, each has `primvars:lumel:scaleOffset:<prim>` and
+//! `lumel:lightmap:<prim>` in place of them, `<prim>` being its path below the instance with `_` for `/`, and names it in its
+//! own `token lumel:rectangle`. A point instancer has arrays `float4[] primvars:lumel:scaleOffset` and `int[]
+//! primvars:lumel:page`, one item an instance (-1 for no page), suffixed in the same way where a prototype holds several
+//! gprims, and `asset[] lumel:lightmaps`, the pages by that index. Baked colours differ between instances that share their
+//! primvars, so they are left out there.
+
+mod input;
+mod instances;
+mod layer;
+mod metadata;
+mod primvars;
+mod surfaces;
+
+use super::{Baked, BakedLights};
+use crate::error::{Error, Result, Warnings};
+use crate::load::Source;
+use input::Input;
+use instances::Instances;
+use layer::{Attribute, Layer};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// Writes the layer to `path`, with asset paths that are right for its place in `baked.folder`.
+///
+/// # Errors
+/// `Invalid` where the source is no USD stage or can't be read again, `Unsupported` where a file's name can't be written as
+/// an asset path, `Io` where the layer can't be written.
+pub fn write(path: &Path, baked: &Baked) -> Result<Warnings> {
+    let Source::Usd(source) = baked.source else {
+        return Err(Error::invalid(path.display(), "is a layer for a USD input, and the input is none"));
+    };
+    let mut warnings = Warnings::default();
+    let mut input = Input::open(&source.path)?;
+    let mut layer = Layer::default();
+    let sublayer = metadata::relative(&source.path, baked.folder)?;
+    metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked)?;
+    let mut instances = surfaces::author(baked, &mut input, &mut layer, &mut warnings)?;
+    mark_lights(baked, &mut input, &mut instances, &mut layer, &mut warnings);
+
+    let io = |e| Error::io(path, e);
+    let mut out = BufWriter::new(File::create(path).map_err(io)?);
+    layer.write(&mut out).and_then(|()| out.flush()).map_err(io)?;
+    Ok(warnings)
+}
+
+/// Marks or deactivates every light that is in the bake.
+fn mark_lights(
+    baked: &Baked,
+    input: &mut Input,
+    instances: &mut Instances,
+    layer: &mut Layer,
+    warnings: &mut Warnings,
+) {
+    if baked.lights == BakedLights::Keep {
+        return;
+    }
+    // A sky from the command line is named by its flag.
+    let sky = baked.scene.environment.iter().map(|e| e.name.as_str()).filter(|n| n.starts_with('/'));
+    let lights: BTreeSet<&str> = baked.scene.lights.iter().map(|l| l.name.as_str()).chain(sky).collect();
+    for light in lights {
+        if input.prim(light).is_none() {
+            warnings
+                .add(light, "the baked light has no prim of its own in the stage, so it was not marked in the layer");
+            continue;
+        }
+        let site = instances.site(light, input, layer);
+        let prim = layer.prim(&site);
+        match baked.lights {
+            BakedLights::Remove => prim.inactive = true,
+            _ => prim.set(Attribute::custom("bool", "lumel:baked", "1".into())),
+        }
+    }
+}

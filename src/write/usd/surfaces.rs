@@ -1,0 +1,291 @@
+//! Opinions on the lightmapped gprims, on the instances that hold them, and on point instancers.
+
+use super::input::Input;
+use super::instances::{InstanceSurfaces, Instances, unique_names};
+use super::layer::{self, Attribute, Layer, array, quoted, tuple};
+use super::metadata::page_path;
+use super::primvars;
+use crate::error::{Result, Warnings};
+use crate::scene::SurfaceOrigin;
+use crate::write::Baked;
+use std::collections::{BTreeMap, HashMap};
+
+/// Says why there are no baked colours.
+const SHARED: &str = "lies below an instance, whose prims are shared, so it has no baked vertex colours in the layer";
+
+/// What is being written.
+struct Author<'a, 'b> {
+    baked: &'a Baked<'a>,
+    input: &'b mut Input,
+    layer: &'b mut Layer,
+    warnings: &'b mut Warnings,
+    instances: Instances,
+    /// The primvar that new UVs go to.
+    uv_name: String,
+    /// The mesh whose UVs a site holds.
+    sites: HashMap<String, usize>,
+}
+
+/// An instancer's surfaces, (index of the instance, of the surface) by the path of the prototype's gprim.
+type Points<'a> = BTreeMap<&'a str, Vec<(usize, usize)>>;
+
+/// Says all there is to say about the surfaces; gives the classes that were made for instances.
+///
+/// # Errors
+/// `Unsupported` where a page's name can't be written as an asset path.
+pub fn author(baked: &Baked, input: &mut Input, layer: &mut Layer, warnings: &mut Warnings) -> Result<Instances> {
+    let mut plain: Vec<(String, usize)> = Vec::new();
+    let mut roots: BTreeMap<String, InstanceSurfaces> = BTreeMap::new();
+    let mut instancers: BTreeMap<&str, Points> = BTreeMap::new();
+    for (i, surface) in baked.scene.surfaces.iter().enumerate() {
+        let path = match &surface.origin {
+            SurfaceOrigin::UsdPrim => surface.name.clone(),
+            SurfaceOrigin::UsdInstance { root, prim } => format!("{root}/{prim}").trim_end_matches('/').to_string(),
+            SurfaceOrigin::UsdPoint { instancer, index, prim } => {
+                instancers.entry(instancer).or_default().entry(prim).or_default().push((*index, i));
+                continue;
+            }
+            SurfaceOrigin::None | SurfaceOrigin::GltfNode(_) => {
+                warnings.add(&surface.name, "is no prim of the stage, so the layer says nothing about it");
+                continue;
+            }
+        };
+        match input.instances_above(&path).into_iter().next() {
+            Some(root) => {
+                let prim = path[root.len() + 1..].to_string();
+                roots.entry(root).or_default().insert(prim, (i, surface.mesh));
+            }
+            None => plain.push((path, i)),
+        }
+    }
+    let uv_name = free_uv_name(baked, input, warnings);
+    let same = |a: usize, b: usize| {
+        a == b
+            || (baked.atlas.meshes[a] == baked.atlas.meshes[b]
+                && baked.scene.meshes[a].origin == baked.scene.meshes[b].origin)
+    };
+    let instances = Instances::plan(&roots, input, layer, same);
+    let mut author = Author { baked, input, layer, warnings, instances, uv_name, sites: HashMap::new() };
+    for (path, surface) in plain {
+        author.gprim(&path, surface)?;
+    }
+    for (root, surfaces) in &roots {
+        author.instance(root, surfaces)?;
+    }
+    for (instancer, points) in &instancers {
+        author.instancer(instancer, points)?;
+    }
+    Ok(author.instances)
+}
+
+/// The first of `st1`, `st2`, ... that no material reads.
+fn free_uv_name(baked: &Baked, input: &Input, warnings: &mut Warnings) -> String {
+    let slots = baked.scene.materials.iter().flat_map(|m| m.albedo_texture.iter().chain(&m.emission_texture));
+    let used: Vec<&str> = slots.map(|s| s.uv_set.as_str()).collect();
+    let is_free = |name: &String| !used.contains(&name.as_str()) && !input.is_read_by_shading(name);
+    let name = (1..).map(|i| format!("st{i}")).find(is_free).unwrap_or_else(|| "st1".into());
+    if name != "st1" {
+        warnings.add(&name, "materials read st1, so the layer's lightmap UVs have the next free name");
+    }
+    name
+}
+
+impl Author<'_, '_> {
+    /// A gprim that takes opinions of its own.
+    fn gprim(&mut self, path: &str, surface: usize) -> Result<()> {
+        let mesh = self.baked.scene.surfaces[surface].mesh;
+        if self.uvs(path, mesh) {
+            let rectangle = self.rectangle(surface, "")?;
+            let colors = self.colors(path, surface);
+            let prim = self.layer.prim(path);
+            rectangle.into_iter().chain(colors).for_each(|a| prim.set(a));
+        }
+        Ok(())
+    }
+
+    /// A native instance with the surfaces below it.
+    fn instance(&mut self, root: &str, surfaces: &InstanceSurfaces) -> Result<()> {
+        let suffixes: Option<BTreeMap<String, String>> = self
+            .instances
+            .suffixes(root)
+            .map(|names| names.into_iter().map(|(prim, name)| (prim.to_string(), name)).collect());
+        for (prim, &(surface, mesh)) in surfaces {
+            let path = format!("{root}/{prim}");
+            if !self.uvs(&path, mesh) {
+                continue;
+            }
+            self.warnings.add(&path, SHARED);
+            let suffix = suffixes.as_ref().and_then(|names| names.get(prim));
+            self.name_rectangle(&path, suffix);
+            for attribute in self.rectangle(surface, &suffix.map(|s| format!(":{s}")).unwrap_or_default())? {
+                self.layer.prim(root).set(attribute);
+            }
+        }
+        Ok(())
+    }
+
+    /// A point instancer with the surfaces of its prototypes.
+    fn instancer(&mut self, instancer: &str, points: &Points) -> Result<()> {
+        let Some(stage_prim) = self.input.prim(instancer) else {
+            self.warnings.add(instancer, "is no prim of the stage, so the layer says nothing about it");
+            return Ok(());
+        };
+        let mut placed: Points = BTreeMap::new();
+        for (&prim, items) in points {
+            let mut kept = Vec::with_capacity(items.len());
+            for &(index, surface) in items {
+                if self.uvs(prim, self.baked.scene.surfaces[surface].mesh) {
+                    kept.push((index, surface));
+                }
+            }
+            if !kept.is_empty() {
+                self.warnings.add(prim, SHARED);
+                placed.insert(prim, kept);
+            }
+        }
+        if !self.input.instances_above(instancer).is_empty() {
+            self.warnings.add(instancer, "is a point instancer below an instance; its rectangles can't be said in USD");
+            return Ok(());
+        }
+        let mut indices: Vec<usize> = placed.values().flatten().map(|&(index, _)| index).collect();
+        indices.sort_unstable();
+        let shares_an_index = indices.windows(2).any(|pair| pair[0] == pair[1]);
+        // The loader read the indices from the stage, so one beyond its instances is a mistake, and could be any size.
+        let count = self.input.point_count(&stage_prim);
+        if indices.last().is_some_and(|&last| last >= count) {
+            self.warnings.add(instancer, "has fewer instances than were baked; its rectangles were left out");
+            return Ok(());
+        }
+        let groups: Vec<(String, Vec<(usize, usize)>)> = if shares_an_index {
+            let names = unique_names(placed.keys().copied());
+            for (&prim, name) in &names {
+                self.name_rectangle(prim, Some(name));
+            }
+            placed.iter().map(|(prim, items)| (format!(":{}", names[prim]), items.clone())).collect()
+        } else {
+            vec![(String::new(), placed.into_values().flatten().collect())]
+        };
+        let mut attributes = Vec::new();
+        for (suffix, items) in groups {
+            let (mut rectangles, mut pages) = (vec![[0.0; 4]; count], vec![-1i64; count]);
+            for (index, surface) in items {
+                let placement = &self.baked.atlas.placements[surface];
+                rectangles[index] = primvars::scale_offset(placement);
+                pages[index] = i64::from(placement.page);
+            }
+            let rectangles = array(&rectangles, |text, r| tuple(text, r));
+            let pages = array(&pages, |text, p| text.push_str(&p.to_string()));
+            let name = |base: &str| format!("lumel:{base}{suffix}");
+            attributes.push(Attribute::primvar("float4[]", &name("scaleOffset"), "vertex", rectangles));
+            attributes.push(Attribute::primvar("int[]", &name("page"), "vertex", pages));
+        }
+        let pages: Vec<String> =
+            self.baked.page_uris.iter().map(|u| layer::asset(&page_path(u))).collect::<Result<_>>()?;
+        attributes.push(Attribute::custom("asset[]", "lumel:lightmaps", format!("[{}]", pages.join(", "))));
+        attributes.push(self.quantity());
+        let prim = self.layer.prim(instancer);
+        attributes.into_iter().for_each(|a| prim.set(a));
+        Ok(())
+    }
+
+    /// Says the UVs of `mesh` for the gprim at `path` where all prims that share them can read them; false where it can't
+    /// be done, with a warning.
+    fn uvs(&mut self, path: &str, mesh: usize) -> bool {
+        let Some(prim) = self.input.prim(path) else {
+            self.warnings.add(path, "is no prim of the stage, so the layer says nothing about it");
+            return false;
+        };
+        let site = self.instances.site(path, self.input, self.layer);
+        let uvs = &self.baked.atlas.meshes[mesh];
+        let scene_mesh = &self.baked.scene.meshes[mesh];
+        if let Some(&known) = self.sites.get(&site) {
+            let same = known == mesh
+                || (self.baked.atlas.meshes[known] == *uvs
+                    && self.baked.scene.meshes[known].origin == scene_mesh.origin);
+            if !same {
+                self.warnings
+                    .add(path, "shares its primvars with a prim of other lightmap UVs; it has none in the layer");
+            }
+            return same;
+        }
+        let Some(topology) = self.input.topology(&prim) else {
+            self.warnings.add(path, "is no mesh, and only meshes can hold lightmap UVs; it has none in the layer");
+            return false;
+        };
+        let authored = uvs
+            .authored
+            .as_deref()
+            .filter(|name| prim.attribute(format!("primvars:{name}")).has_authored_value().unwrap_or(false));
+        let new = match authored {
+            Some(_) => Vec::new(),
+            None => match primvars::uvs(&self.uv_name, scene_mesh, uvs, &topology) {
+                Some(attributes) => attributes.into(),
+                None => {
+                    self.warnings
+                        .add(path, "was baked from another topology than the stage's; it has no UVs in the layer");
+                    return false;
+                }
+            },
+        };
+        let name = quoted(authored.unwrap_or(&self.uv_name));
+        let quantity = self.quantity();
+        let prim = self.layer.prim(&site);
+        new.into_iter().for_each(|a| prim.set(a));
+        prim.set(Attribute::custom("token", "lumel:uvName", name));
+        prim.set(quantity);
+        self.sites.insert(site, mesh);
+        true
+    }
+
+    /// Where rectangles have suffixed names, lets the gprim at `path` name its own.
+    fn name_rectangle(&mut self, path: &str, suffix: Option<&String>) {
+        if let Some(suffix) = suffix {
+            let site = self.instances.site(path, self.input, self.layer);
+            self.layer.prim(&site).set(Attribute::custom("token", "lumel:rectangle", quoted(suffix)));
+        }
+    }
+
+    /// Rectangle, page and quantity of a surface.
+    fn rectangle(&self, surface: usize, suffix: &str) -> Result<Vec<Attribute>> {
+        let placement = &self.baked.atlas.placements[surface];
+        let mut value = String::new();
+        tuple(&mut value, &primvars::scale_offset(placement));
+        let mut attributes =
+            vec![Attribute::primvar("float4", &format!("lumel:scaleOffset{suffix}"), "constant", value)];
+        if let Some(uri) = self.baked.page_uris.get(placement.page as usize) {
+            let page = layer::asset(&page_path(uri))?;
+            attributes.push(Attribute::custom("asset", format!("lumel:lightmap{suffix}"), page));
+        }
+        attributes.push(self.quantity());
+        Ok(attributes)
+    }
+
+    fn quantity(&self) -> Attribute {
+        Attribute::custom("token", "lumel:quantity", quoted(self.baked.lightmap.quantity.name()))
+    }
+
+    /// The baked colours of a gprim that no other shares.
+    fn colors(&mut self, path: &str, surface: usize) -> Vec<Attribute> {
+        let mesh = &self.baked.scene.meshes[self.baked.scene.surfaces[surface].mesh];
+        let Some(colors) = self.baked.corners.surfaces.get(surface) else { return Vec::new() };
+        let Some(prim) = self.input.prim(path) else { return Vec::new() };
+        let Some(topology) = self.input.topology(&prim) else { return Vec::new() };
+        let mut attributes = Vec::new();
+        let mut add = |name: &str, baked: bool| {
+            let indices = prim.attribute(format!("primvars:{name}:indices"));
+            let was_indexed = indices.has_authored_value().unwrap_or(false);
+            let mut new = primvars::colors(name, mesh, colors, &topology, was_indexed).unwrap_or_default();
+            if let Some(first) = new.first_mut() {
+                first.baked = baked;
+            }
+            attributes.append(&mut new);
+        };
+        add("lumel:irradiance", false);
+        if self.input.needs_display_color(&prim) {
+            self.warnings.add(path, "has a look that depends on displayColor, which was left as it is");
+        } else {
+            add("displayColor", true);
+        }
+        attributes
+    }
+}
