@@ -14,6 +14,7 @@ pub mod pipeline;
 pub mod patch;
 pub mod post;
 pub mod progress;
+pub mod report;
 pub mod sample;
 pub mod scene;
 pub mod settings;

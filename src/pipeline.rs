@@ -1,19 +1,107 @@
 //! The data's way, in order: load, unwrap, rasterize, direct, solve, gather, post, write.
 
+use crate::energy::{self, balance};
 use crate::error::{Error, Result, Warnings};
+use crate::gather::gather;
+use crate::light::{Lights, direct};
+use crate::load::{self, Loaded, image};
+use crate::patch::unocclude::unocclude;
+use crate::patch::{Ground, rasterize, reflectance::reflectance};
+use crate::post::{self, Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
+use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
+use crate::scene::Environment;
 use crate::settings::Settings;
+use crate::solve::solve;
+use crate::trace::Tracer;
+use crate::transport::Elements;
+use crate::unwrap::{self, Atlas};
+use crate::write::{Baked, dump::Dump, folder};
 use std::path::Path;
+
+pub use crate::report::Report;
 
 /// Bakes the scene file `scene` into the folder `folder`.
 ///
 /// # Errors
 /// Those of the stages; nothing is written unless the whole bake succeeds.
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
-    let _ = (folder, settings);
-    progress.begin("load", 0);
-    crate::load::load(scene)?;
-    Err(Error::unsupported(scene.display(), "not built yet"))
+    let clock = Clock::new(progress);
+    let (mut report, loaded) = open(scene, folder, settings, &clock)?;
+    let scene = &loaded.scene;
+    if !scene.has_light() {
+        let message = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE";
+        return Err(Error::invalid(loaded.path().display(), message));
+    }
+    let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
+    let dump = Dump::new(settings.dump_stages.as_deref());
+
+    let tracer = Tracer::new(scene);
+    let patches = rasterize(scene, &atlas, &tracer, &clock)?;
+    let ground = Ground { scene, atlas: &atlas, tracer: &tracer, patches: &patches };
+    let (reflectance, emission) = reflectance(&ground, &clock)?;
+    let exposure = unocclude(&ground, settings.seed, &clock)?;
+    dump.patches("normal", &ground, |i| patches.normal[i])?;
+    dump.patches("albedo", &ground, |i| reflectance.0[i])?;
+    dump.patches("emission", &ground, |i| emission.0[i])?;
+    dump.patches("exposure", &ground, |i| exposure.share(i))?;
+
+    let lights = Lights::new(scene);
+    let direct_params = settings.direct_params();
+    let direct = direct(&ground, &lights, &exposure, &direct_params, &clock)?;
+    dump.patches("direct", &ground, |i| direct.shown[i])?;
+
+    let elements = Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
+    let solution = solve(&elements, &ground, &lights, &direct, &direct_params, &settings.solve_params(), &clock)?;
+    dump.patches("solution", &ground, |i| elements.read(&solution.irradiance, i))?;
+
+    let gathered = gather(
+        &ground,
+        &exposure,
+        &lights,
+        &reflectance,
+        &direct,
+        &direct_params,
+        &elements,
+        &solution,
+        &settings.gather_params(),
+        &clock,
+    )?;
+    dump.patches("indirect", &ground, |i| gathered.indirect[i])?;
+
+    clock.begin("post", 0);
+    let lightmap = post::dilate::finish(
+        &atlas,
+        &patches,
+        &exposure,
+        &gathered.irradiance,
+        &reflectance,
+        &emission,
+        settings.quantity,
+    );
+
+    report.texels = patches.len();
+    report.buried_texels = exposure.buried_count();
+    report.rays = exposure.rays + direct.rays + solution.rays + gathered.rays;
+    report.noise = gathered.noise;
+    report.solver = SolverReport {
+        elements: elements.len(),
+        shots: solution.shots,
+        residual: solution.residual,
+        unshot: solution.unshot,
+    };
+    let bake = energy::Bake {
+        ground: &ground,
+        exposure: &exposure,
+        reflectance: &reflectance,
+        emission: &emission,
+        direct: &direct,
+        elements: &elements,
+        solution: &solution,
+        gathered: &gathered,
+    };
+    report.energy = balance(&bake, &lightmap, !settings.float);
+    finish(&loaded, &atlas, Some(&lightmap), folder, settings, &clock, report)
 }
 
 /// Makes lightmap UVs for the scene file `scene` and writes them into the folder `folder`, without light.
@@ -21,19 +109,69 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
 /// # Errors
 /// As [`bake`].
 pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
-    bake(scene, folder, settings, progress)
+    let clock = Clock::new(progress);
+    let (mut report, loaded) = open(scene, folder, settings, &clock)?;
+    let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
+    finish(&loaded, &atlas, None, folder, settings, &clock, report)
 }
 
-/// What a bake did; written as `report.json`.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct Report {
-    /// What was met on the way.
-    pub warnings: Warnings,
-}
-
-impl Report {
-    /// The result in a few lines for people.
-    pub fn summary(&self) -> Vec<String> {
-        Vec::new()
+/// Checks the settings, reads the scene and adds the sky that the settings ask for.
+fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Result<(Report, Loaded)> {
+    settings.check()?;
+    refuse_other_bake(scene, folder, settings.overwrite)?;
+    clock.begin("load", 0);
+    let mut loaded = load::load(scene)?;
+    if let Some(sky) = settings.sky {
+        loaded.scene.environment = Some(Environment::constant("--sky", sky.into()));
     }
+    if let Some(picture) = &settings.environment {
+        let texture = image::load_file(picture, image::ColorSpace::Auto)?;
+        loaded.scene.textures.push(texture);
+        let mut sky = Environment::constant("--environment", glam::Vec3::ONE);
+        sky.texture = Some(loaded.scene.textures.len() - 1);
+        loaded.scene.environment = Some(sky);
+        loaded.inputs.push(picture.clone());
+    }
+    let mut inputs = vec![Input::new(scene.to_path_buf())];
+    inputs.extend(loaded.inputs.iter().filter(|p| *p != scene).cloned().map(Input::new));
+    let warnings = std::mem::take(&mut loaded.warnings);
+    let version = env!("CARGO_PKG_VERSION");
+    Ok((Report { version, inputs, settings: settings.clone(), warnings, ..Report::default() }, loaded))
+}
+
+fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Report) -> Result<Atlas> {
+    let (atlas, warnings): (Atlas, Warnings) = unwrap::unwrap(&loaded.scene, &settings.unwrap_params(), clock)?;
+    report.warnings.extend(warnings);
+    Ok(atlas)
+}
+
+/// Writes everything, the report last.
+fn finish(
+    loaded: &Loaded,
+    atlas: &Atlas,
+    lightmap: Option<&Lightmap>,
+    folder: &Path,
+    settings: &Settings,
+    clock: &Clock,
+    mut report: Report,
+) -> Result<Report> {
+    let corners = lightmap.map(|lightmap| corner_colors(&loaded.scene, atlas, lightmap));
+    clock.begin("write", 0);
+    let page_uris = folder::page_uris(loaded.path(), atlas, lightmap.is_some());
+    let baked = Baked {
+        scene: &loaded.scene,
+        source: &loaded.source,
+        atlas,
+        lightmap,
+        corners: corners.as_ref(),
+        page_uris: &page_uris,
+        folder,
+        lights: settings.lights,
+    };
+    report.describe(&baked);
+    let staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
+    report.stages = clock.stages();
+    report.peak_memory_bytes = peak_memory();
+    folder::commit(staging, &report, clock)?;
+    Ok(report)
 }

@@ -26,6 +26,23 @@ pub enum Source {
     Usd(usd::UsdSource),
 }
 
+impl Source {
+    /// The scene file.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Gltf(source) => &source.path,
+            Self::Usd(source) => &source.path,
+        }
+    }
+}
+
+impl Loaded {
+    /// The scene file.
+    pub fn path(&self) -> &Path {
+        self.source.path()
+    }
+}
+
 /// Reads a scene of any format, chosen by its extension: .gltf .glb .usd .usda .usdc .usdz.
 ///
 /// # Errors

@@ -10,6 +10,7 @@
 
 use super::{Ground, footprint::CellMask};
 use crate::Result;
+use crate::color::Rgb;
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
@@ -34,6 +35,16 @@ impl Exposure {
     /// True where no part of the patch is in the open.
     pub fn is_buried(&self, patch: usize) -> bool {
         self.cells[patch] == CellMask::EMPTY
+    }
+
+    /// Number of buried patches.
+    pub fn buried_count(&self) -> usize {
+        self.cells.iter().filter(|c| **c == CellMask::EMPTY).count()
+    }
+
+    /// The share of a patch's cells in the open, as a grey.
+    pub fn share(&self, patch: usize) -> Rgb {
+        Rgb::splat(self.cells[patch].0.count_ones() as f32 / 16.0)
     }
 }
 

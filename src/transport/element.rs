@@ -205,6 +205,14 @@ impl Elements {
         point
     }
 
+    /// The value of the element that a patch's front belongs to, of `values` by element; zero where it has none.
+    pub fn read(&self, values: &[Rgb], patch: usize) -> Rgb {
+        match self.front_of[patch] {
+            NONE => Rgb::ZERO,
+            e => values[e as usize],
+        }
+    }
+
     /// The element under a hit: `None` on black backs and buried texels.
     pub fn element_under(&self, ground: &Ground, hit: &Hit) -> Option<u32> {
         let patch = ground.patch_under(hit)?;

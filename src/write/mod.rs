@@ -1,6 +1,8 @@
 //! Results to files: EXR pages, GLBs, a USD layer. Each file is complete or absent.
 
+pub mod dump;
 pub mod exr;
+pub mod folder;
 pub mod gltf;
 pub mod output;
 pub mod usd;
@@ -16,9 +18,10 @@ pub struct Baked<'a> {
     pub scene: &'a Scene,
     pub source: &'a Source,
     pub atlas: &'a Atlas,
-    pub lightmap: &'a Lightmap,
-    pub corners: &'a CornerColors,
-    /// The page files relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`.
+    /// None where UVs alone were made.
+    pub lightmap: Option<&'a Lightmap>,
+    pub corners: Option<&'a CornerColors>,
+    /// The page files relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`; none without light.
     pub page_uris: &'a [String],
     /// The output folder.
     pub folder: &'a Path,

@@ -1,0 +1,216 @@
+//! What a bake did, for people and for `report.json`.
+
+use crate::energy::EnergyBalance;
+use crate::error::{Error, Result, Warnings};
+use crate::progress::Progress;
+use crate::settings::Settings;
+use crate::write::Baked;
+use cpu_time::ProcessTime;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What a bake did; written as `report.json`.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    /// Version of Lumel.
+    pub version: &'static str,
+    /// Every file that was read: the scene first.
+    pub inputs: Vec<Input>,
+    pub settings: Settings,
+    pub surfaces: Vec<SurfaceReport>,
+    pub pages: Vec<PageReport>,
+    /// Texels per metre.
+    pub density: f32,
+    /// Covered texels.
+    pub texels: usize,
+    /// Texels that lie inside other geometry.
+    pub buried_texels: usize,
+    pub triangles: usize,
+    pub stages: Vec<StageTime>,
+    /// Rays and visibility segments that were traced.
+    pub rays: u64,
+    pub solver: SolverReport,
+    /// Noise of the gathered light over all texels, root mean square over mean irradiance.
+    pub noise: f64,
+    pub energy: EnergyBalance,
+    /// Most memory that the process held [bytes]; absent where the system doesn't tell.
+    pub peak_memory_bytes: Option<u64>,
+    pub warnings: Warnings,
+}
+
+/// A file that was read.
+#[derive(Clone, Debug, Serialize)]
+pub struct Input {
+    pub path: PathBuf,
+    /// Absent for a file inside an archive.
+    pub sha256: Option<String>,
+}
+
+/// A surface and its place.
+#[derive(Clone, Debug, Serialize)]
+pub struct SurfaceReport {
+    pub name: String,
+    pub triangles: usize,
+    pub page: u32,
+    pub scale: [f32; 2],
+    pub offset: [f32; 2],
+}
+
+/// A page and its file.
+#[derive(Clone, Debug, Serialize)]
+pub struct PageReport {
+    /// Relative to the output folder; absent without light.
+    pub uri: Option<String>,
+    pub width: u32,
+    pub height: u32,
+    /// Share of the texels that are covered at least in part.
+    pub utilisation: Option<f64>,
+}
+
+/// Time a stage took.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageTime {
+    pub name: &'static str,
+    pub wall_s: f64,
+    /// Of the whole process.
+    pub cpu_s: f64,
+}
+
+/// How the solver ended.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct SolverReport {
+    pub elements: usize,
+    pub shots: u64,
+    /// Estimated remaining change of the worst surface's mean radiosity, relative to it.
+    pub residual: f64,
+    /// Power that was not shot [lm].
+    pub unshot: f64,
+}
+
+impl Report {
+    /// The result in a few lines for people.
+    pub fn summary(&self) -> Vec<String> {
+        let pages: Vec<String> = self.pages.iter().map(|p| format!("{} x {}", p.width, p.height)).collect();
+        let mut lines = vec![format!(
+            "{} texels at {:.4} texels/m on {} page(s): {}",
+            self.texels,
+            self.density,
+            pages.len(),
+            pages.join(", ")
+        )];
+        if self.solver.elements > 0 {
+            lines.push(format!(
+                "noise {:.2} %, residual {:.3} %, energy balance {:+.3} %",
+                100.0 * self.noise,
+                100.0 * self.solver.residual,
+                100.0 * self.energy.imbalance
+            ));
+        }
+        lines
+    }
+
+    /// Describes the surfaces and pages of `baked`.
+    pub fn describe(&mut self, baked: &Baked) {
+        let (scene, atlas) = (baked.scene, baked.atlas);
+        self.density = atlas.density;
+        self.triangles = scene.triangle_count();
+        self.surfaces = (scene.surfaces.iter().zip(&atlas.placements))
+            .map(|(s, p)| SurfaceReport {
+                name: s.name.clone(),
+                triangles: scene.meshes[s.mesh].triangles.len(),
+                page: p.page,
+                scale: p.scale.to_array(),
+                offset: p.offset.to_array(),
+            })
+            .collect();
+        self.pages = (atlas.pages.iter().enumerate())
+            .map(|(page, &[width, height])| {
+                let coverage = baked.lightmap.map(|l| l.pages[page].coverage.iter().filter(|c| **c > 0.0).count());
+                PageReport {
+                    uri: baked.page_uris.get(page).cloned(),
+                    width,
+                    height,
+                    utilisation: coverage.map(|c| c as f64 / (f64::from(width) * f64::from(height))),
+                }
+            })
+            .collect();
+    }
+}
+
+impl Input {
+    /// Reads and hashes `path`.
+    pub fn new(path: PathBuf) -> Self {
+        let sha256 = std::fs::read(&path).ok().map(|bytes| {
+            Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect()
+        });
+        Self { path, sha256 }
+    }
+}
+
+/// Times the stages as they begin.
+pub struct Clock<'a> {
+    progress: &'a dyn Progress,
+    stages: std::sync::Mutex<Vec<(&'static str, Instant, ProcessTime)>>,
+}
+
+impl<'a> Clock<'a> {
+    /// A clock that passes everything on to `progress`.
+    pub fn new(progress: &'a dyn Progress) -> Self {
+        Self { progress, stages: Default::default() }
+    }
+
+    /// The times so far; the last stage ends now.
+    pub fn stages(&self) -> Vec<StageTime> {
+        let stages = self.stages.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let ends = stages.iter().skip(1).map(|s| (s.1, s.2)).chain([(Instant::now(), ProcessTime::now())]);
+        (stages.iter().zip(ends))
+            .map(|((name, wall, cpu), (wall_end, cpu_end))| StageTime {
+                name,
+                wall_s: wall_end.duration_since(*wall).as_secs_f64(),
+                cpu_s: cpu_end.duration_since(*cpu).as_secs_f64(),
+            })
+            .collect()
+    }
+}
+
+impl Progress for Clock<'_> {
+    fn begin(&self, stage: &'static str, total: u64) {
+        let now = (stage, Instant::now(), ProcessTime::now());
+        self.stages.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(now);
+        self.progress.begin(stage, total);
+    }
+    fn advance(&self, units: u64) {
+        self.progress.advance(units);
+    }
+    fn cancelled(&self) -> bool {
+        self.progress.cancelled()
+    }
+}
+
+/// Refuses to write over the bake of another scene.
+///
+/// # Errors
+/// `Invalid` where `folder` holds a report about a scene other than `scene`, and `overwrite` is not set.
+pub fn refuse_other_bake(scene: &Path, folder: &Path, overwrite: bool) -> Result<()> {
+    let path = folder.join("report.json");
+    if overwrite || !path.exists() {
+        return Ok(());
+    }
+    let baked = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    let name = baked.as_ref().and_then(|r| r.pointer("/inputs/0/path")).and_then(|p| p.as_str()).map(PathBuf::from);
+    let same = name.as_ref().is_some_and(|n| n.canonicalize().ok() == scene.canonicalize().ok());
+    if same {
+        return Ok(());
+    }
+    let of = name.map_or_else(|| "something else".to_string(), |n| n.display().to_string());
+    Err(Error::invalid(folder.display(), format!("holds the bake of {of}; choose another folder with -o, or --overwrite")))
+}
+
+/// The most memory that this process held [bytes].
+pub fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|kib| kib * 1024)
+}

@@ -1,0 +1,75 @@
+//! The output folder: which files a bake leaves, and their names.
+
+use super::exr::{PageHeader, write_page};
+use super::output::Staging;
+use super::{Baked, gltf, usd};
+use crate::error::{Error, Result, Warnings};
+use crate::load::Source;
+use crate::progress::Progress;
+use crate::report::Report;
+use crate::settings::{GltfProfile, Settings};
+use crate::unwrap::Atlas;
+use std::path::Path;
+
+/// The scene file's name without its extension.
+fn stem(scene: &Path) -> String {
+    scene.file_stem().map_or_else(|| "scene".to_string(), |s| s.to_string_lossy().into_owned())
+}
+
+/// Page files relative to the output folder, in page order; none for an unwrap without light.
+pub fn page_uris(scene: &Path, atlas: &Atlas, is_lit: bool) -> Vec<String> {
+    let count = if is_lit { atlas.pages.len() } else { 0 };
+    (0..count).map(|page| format!("lightmaps/{}_{page}.exr", stem(scene))).collect()
+}
+
+/// Writes the pages, GLBs and the USD layer of a bake into a staging folder.
+///
+/// # Errors
+/// Those of the writers, and `Cancelled`; nothing is left in the output folder then.
+pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnings: &mut Warnings) -> Result<Staging> {
+    let mut staging = Staging::new(baked.folder)?;
+    let scene = baked.source.path();
+    let name = scene.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    if let Some(lightmap) = baked.lightmap {
+        for (number, (page, uri)) in lightmap.pages.iter().zip(baked.page_uris).enumerate() {
+            progress.check()?;
+            let header = PageHeader {
+                quantity: lightmap.quantity,
+                page: number as u32,
+                density: baked.atlas.density,
+                scene: &name,
+            };
+            let clamped = write_page(&staging.path(uri)?, page, &header, settings.float)?;
+            if clamped > 0 {
+                warnings.add(format!("{uri} ({clamped} texels)"), "too bright for half floats; bake with --float");
+            }
+        }
+    }
+    for profile in settings.gltf_profiles() {
+        progress.check()?;
+        let file = match profile {
+            GltfProfile::Engine => format!("{}.glb", stem(scene)),
+            // Without light there are no colours to write.
+            GltfProfile::Vertex if baked.corners.is_none() => continue,
+            GltfProfile::Vertex => format!("{}.vertex.glb", stem(scene)),
+        };
+        warnings.extend(gltf::write(&staging.path(file)?, baked, *profile)?);
+    }
+    if matches!(baked.source, Source::Usd(_)) {
+        progress.check()?;
+        warnings.extend(usd::write(&staging.path(format!("{}.lumel.usda", stem(scene)))?, baked)?);
+    }
+    Ok(staging)
+}
+
+/// Adds the report and moves everything into place.
+///
+/// # Errors
+/// `Io` naming the file, `Cancelled`.
+pub fn commit(mut staging: Staging, report: &Report, progress: &dyn Progress) -> Result<()> {
+    let path = staging.path("report.json")?;
+    let text = serde_json::to_vec_pretty(report).map_err(|e| Error::invalid(path.display(), e))?;
+    std::fs::write(&path, text).map_err(|e| Error::io(&path, e))?;
+    progress.check()?;
+    staging.commit()
+}
