@@ -89,7 +89,7 @@ pub fn read(doc: &Document, accessor: usize) -> Result<Elements> {
     let json = doc.item("accessors", accessor)?;
     let place = format!("{}: accessors[{accessor}]", doc.place);
     let broken = |what: &str| Error::invalid(&place, format!("{what}; export the file again"));
-    let (component, columns, _, column) = layout(json).ok_or_else(|| broken("has an unknown type"))?;
+    let (_, columns, _, column) = layout(json).ok_or_else(|| broken("has an unknown type"))?;
     let size = columns * column;
     let count = index(json, "count").ok_or_else(|| broken("has no count"))?;
     let total = count.checked_mul(size).filter(|n| u32::try_from(*n).is_ok()).ok_or_else(|| broken("is too large"))?;
@@ -127,7 +127,6 @@ pub fn read(doc: &Document, accessor: usize) -> Result<Elements> {
     for key in ["bufferView", "byteOffset", "sparse", "count"] {
         keys.shift_remove(key);
     }
-    let _ = component;
     Ok(Elements { keys, size, bytes })
 }
 

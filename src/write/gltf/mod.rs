@@ -1,1 +1,63 @@
-//! GLBs.
+//! GLBs: the baked scene for engines (lightmap UVs, rectangles, pages beside it) and for viewers (baked vertex colours).
+//!
+//! A glTF source is edited, not rebuilt: its JSON keeps its keys in order and whatever the bake did not have to touch; data
+//! is appended to its one buffer. A USD source is written anew from the scene in memory.
+
+mod accessor;
+mod compact;
+mod document;
+mod engine;
+mod extras;
+mod import;
+mod primitive;
+mod split;
+
+use super::Baked;
+use crate::error::{Error, Result, Warnings};
+use crate::load::Source;
+use crate::scene::{Scene, SurfaceOrigin};
+use crate::settings::GltfProfile;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Writes the baked scene as a GLB to `path`; URIs in it are relative to `baked.folder`.
+///
+/// # Errors
+/// `Invalid` where the source is broken, `Unsupported` where it can't be edited or the file would pass 4 GiB, `Io`.
+pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warnings> {
+    let mut warnings = Warnings::default();
+    let doc = match baked.source {
+        Source::Gltf(source) => {
+            let mut doc = import::import(source, baked.folder, &mut warnings)?;
+            let before = compact::Before::new(&mut doc);
+            extras::strip(&mut doc);
+            match profile {
+                GltfProfile::Engine => {
+                    engine::write(&mut doc, baked, &mut warnings)?;
+                    extras::write_asset(&mut doc, baked, None);
+                }
+                GltfProfile::Vertex => return Err(Error::unsupported(path.display(), "not built yet")),
+            }
+            extras::write_lights(&mut doc, baked.scene.lights.iter().filter_map(|l| l.gltf_node), baked.lights)?;
+            before.compact(&mut doc);
+            doc
+        }
+        Source::Usd(_) => return Err(Error::unsupported(path.display(), "not built yet")),
+    };
+    std::fs::write(path, doc.to_glb()?).map_err(|e| Error::io(path, e))?;
+    Ok(warnings)
+}
+
+/// The surfaces of a glTF scene and their nodes. A node stands for one surface; further ones (instances) are named in a
+/// warning.
+fn nodes(scene: &Scene, warnings: &mut Warnings) -> Vec<(usize, usize)> {
+    let mut seen = BTreeSet::new();
+    let mut nodes = Vec::new();
+    for (i, surface) in scene.surfaces.iter().enumerate() {
+        match surface.origin {
+            SurfaceOrigin::GltfNode(node) if seen.insert(node) => nodes.push((i, node)),
+            _ => warnings.add(&surface.name, "is not a node of its own in the source; the GLB doesn't say where its light is"),
+        }
+    }
+    nodes
+}
