@@ -7,6 +7,7 @@ pub mod color;
 pub mod contour;
 pub mod energy;
 pub mod error;
+pub mod folder;
 pub mod gather;
 pub mod light;
 pub mod load;

@@ -2,6 +2,7 @@
 
 use crate::energy::{self, balance};
 use crate::error::{Error, Result, Warnings};
+use crate::folder;
 use crate::gather::gather;
 use crate::light::{Lights, direct};
 use crate::load::{self, Loaded, image};
@@ -16,7 +17,7 @@ use crate::solve::solve;
 use crate::trace::Tracer;
 use crate::transport::Elements;
 use crate::unwrap::{self, Atlas};
-use crate::write::{Baked, dump::Dump, folder};
+use crate::write::{Baked, dump::Dump};
 use std::path::Path;
 
 pub use crate::report::Report;
@@ -164,6 +165,7 @@ fn finish(
         atlas,
         lightmap,
         corners: corners.as_ref(),
+        quantity: settings.quantity,
         page_uris: &page_uris,
         folder,
         lights: settings.lights,

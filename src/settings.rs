@@ -7,7 +7,7 @@ use crate::post::Quantity;
 use crate::solve::SolveParams;
 use crate::transport::Effort;
 use crate::unwrap::{Density, UnwrapParams, UvMode};
-use crate::write::BakedLights;
+use crate::write::{BakedLights, GltfProfile};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -72,16 +72,6 @@ pub enum Normals {
     Shading,
     /// The triangle's.
     Geometric,
-}
-
-/// Form of a GLB.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum GltfProfile {
-    /// Materials untouched, lightmap UVs and extras added.
-    Engine,
-    /// Baked vertex colours, unlit.
-    Vertex,
 }
 
 /// What a preset sets, stage by stage.

@@ -6,6 +6,7 @@
 //! so that a receiver without shadows has no noise at all. More samples are taken where the first ones disagree.
 
 use super::Lights;
+use super::delta::{Arrival, DeltaLight};
 use super::polygon::{Polygon, Source};
 use super::tree::Cluster;
 use crate::Result;
@@ -76,6 +77,8 @@ const ANALYTIC_POINTS: u32 = 4;
 /// How often the first shadow samples are taken again where they disagree: polygons, and delta lights.
 const POLYGON_REFINEMENT: u32 = 4;
 const DELTA_REFINEMENT: u32 = 8;
+/// Points over which the unshadowed light of a delta light is averaged.
+const UNSHADOWED_POINTS: u32 = 16;
 
 /// Direct light at every patch that is not buried.
 ///
@@ -328,22 +331,42 @@ fn sampled_cluster(
     (sum, other, u64::from(samples))
 }
 
+/// Illuminance of one delta light at one point about the geometric and the shading normal, and how it comes; `None` where the
+/// point faces away from it.
+fn unshadowed(light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
+    let arrival = light.arrive(point.position, u)?;
+    let cos = point.normal.dot(arrival.towards);
+    let shading = point.shading.dot(arrival.towards).max(0.0);
+    (cos > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
+}
+
+/// As for polygons: the unshadowed light over the footprint, which costs no ray, times the visible share of it.
 fn from_delta(tracer: &Tracer, lights: &Lights, receiver: &Receiver, params: &DirectParams, sum: &mut Arriving) {
     for (k, light) in lights.delta.iter().enumerate() {
-        let (mut arrived, mut visible, mut taken, mut facing) = ([Rgb::ZERO; 2], 0u32, 0u32, 0u32);
+        let draw = |index: u32| {
+            let [x, y, s, t] = receiver.sequence.point(index, 33 + k as u32);
+            ((receiver.sample)([x, y]), [s, t])
+        };
+        let mut whole = [Rgb::ZERO; 2];
+        for index in 0..UNSHADOWED_POINTS {
+            let (point, u) = draw(index);
+            if let Some((light, _)) = unshadowed(light, &point, u) {
+                whole[0] += light[0];
+                whole[1] += light[1];
+            }
+        }
+        if whole[0] == Rgb::ZERO {
+            continue;
+        }
+        let (mut seen, mut tried, mut visible, mut taken, mut facing) = ([0.0f32; 2], [0.0f32; 2], 0u32, 0u32, 0u32);
         let first = params.delta_samples * if light.is_soft() { 2 } else { 1 };
         for end in [first, first * DELTA_REFINEMENT] {
-            if taken > 0 && (visible == 0 || visible == facing) {
+            if taken > 0 && (visible == 0 || visible == facing) && facing > 0 {
                 break;
             }
             for index in taken..end {
-                let [x, y, s, t] = receiver.sequence.point(index, 33 + k as u32);
-                let point = (receiver.sample)([x, y]);
-                let Some(arrival) = light.arrive(point.position, [s, t]) else { continue };
-                let cos = point.normal.dot(arrival.towards);
-                if cos <= 0.0 {
-                    continue;
-                }
+                let (point, u) = draw(index);
+                let Some((light, arrival)) = unshadowed(light, &point, u) else { continue };
                 facing += 1;
                 let from = tracer.off_surface(point.position, point.normal);
                 let mut blocked = [false];
@@ -354,17 +377,18 @@ fn from_delta(tracer: &Tracer, lights: &Lights, receiver: &Receiver, params: &Di
                     tracer.occluded_rays(&[Ray { origin: from, direction: arrival.towards }], &mut blocked);
                 }
                 sum.rays += 1;
-                if !blocked[0] {
-                    visible += 1;
-                    arrived[0] += arrival.illuminance * cos;
-                    arrived[1] += arrival.illuminance * point.shading.dot(arrival.towards).max(0.0);
+                visible += u32::from(!blocked[0]);
+                for k in 0..2 {
+                    tried[k] += luminance(light[k]);
+                    seen[k] += if blocked[0] { 0.0 } else { luminance(light[k]) };
                 }
             }
             taken = end;
         }
-        sum.transport += arrived[0] / taken as f32;
-        sum.shown += arrived[1] / taken as f32;
-        sum.other += arrived[0] / taken as f32;
+        let share = |k: usize| if tried[k] > 0.0 { seen[k] / tried[k] / UNSHADOWED_POINTS as f32 } else { 0.0 };
+        sum.transport += whole[0] * share(0);
+        sum.shown += whole[1] * share(1);
+        sum.other += whole[0] * share(0);
     }
 }
 

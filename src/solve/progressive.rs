@@ -130,9 +130,9 @@ fn light_on_backs(
             }
             let count = crate::transport::element::POINTS;
             let receiver = Receiver {
-                sample: &|u| elements.probe_point(e, (u[0] * count as f32) as u32),
+                sample: &|u| elements.kept_point(e, (u[0] * count as f32) as u32),
                 position: elements.centre[e],
-                normal: elements.probe_point(e, 0).normal,
+                normal: elements.kept_point(e, 0).normal,
                 radius: elements.radius[e],
                 sequence: Sequence::new(params.seed, Stage::Direct, (1 << 40) + e as u64),
             };

@@ -127,15 +127,17 @@ impl Tracer {
         self.bvh.ray_traverse(box_ray, &mut RayHit::none(), |_, leaf| {
             let Some(crossing) = shear.intersect(&self.corners[leaf]) else { return f32::INFINITY };
             let triangle = self.number[leaf];
-            // Of triangles at one distance the lowest number wins, whatever the tree's order.
-            let nearer = best.is_none_or(|b| crossing.t < b.t || (crossing.t == b.t && triangle < b.triangle));
+            // Walls of two rooms back to back lie in one plane; a ray in either room must meet the wall that faces it. So
+            // backs count as a little farther. Of triangles at one distance the lowest number wins, whatever the tree's order.
+            let t = if crossing.front { crossing.t } else { crossing.t + self.offset };
+            let nearer = best.is_none_or(|b| t < b.t || (t == b.t && triangle < b.triangle));
             if !nearer {
                 return f32::INFINITY;
             }
             let [v, w] = crossing.barycentric;
             let barycentric = if self.mirrored[self.surface[triangle as usize] as usize] { [w, v] } else { [v, w] };
-            best = Some(Hit { t: crossing.t, triangle, barycentric, back: !crossing.front });
-            crossing.t
+            best = Some(Hit { t, triangle, barycentric, back: !crossing.front });
+            t
         });
         best
     }

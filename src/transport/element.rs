@@ -183,8 +183,8 @@ impl Elements {
         self.draw(ground, e, index)
     }
 
-    /// One of the kept points, for rays: they are reused in turn.
-    pub fn probe_point(&self, e: usize, index: u32) -> SurfacePoint {
+    /// One of the kept points, in turn.
+    pub fn kept_point(&self, e: usize, index: u32) -> SurfacePoint {
         self.points[e * POINTS as usize + (index % POINTS) as usize]
     }
 

@@ -6,7 +6,7 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::light::Lights;
 use crate::light::direct::{DirectParams, hemisphere_weight};
-use crate::patch::Ground;
+use crate::patch::{Ground, SurfacePoint};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
@@ -54,16 +54,16 @@ fn probe_one(
     count: u32,
     i: usize,
 ) -> Probe {
-    let (rays, hits) = shoot(elements, ground, i, 0, count);
+    let (points, rays, hits) = shoot(elements, ground, i, 0, count);
     let mut landed: Vec<u32> = Vec::with_capacity(rays.len());
     let mut sky = Rgb::ZERO;
-    for (index, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
+    for ((point, ray), hit) in points.iter().zip(&rays).zip(&hits) {
         match hit {
             Some(hit) => landed.extend(elements.element_under(ground, hit)),
             None => {
                 if let Some(s) = &lights.sky {
-                    let normal = elements.probe_point(i, index as u32).normal;
-                    let weight = hemisphere_weight(lights, direct, ray.direction, ray.direction.dot(normal));
+                    let cos = ray.direction.dot(point.normal);
+                    let weight = hemisphere_weight(lights, direct, ray.direction, cos);
                     sky += s.radiance(ground.scene, ray.direction) * weight;
                 }
             }
@@ -79,18 +79,25 @@ fn probe_one(
 }
 
 /// Cosine-distributed rays `first..end` of element `i`, and what they hit.
-fn shoot(elements: &Elements, ground: &Ground, i: usize, first: u32, end: u32) -> (Vec<Ray>, Vec<Option<Hit>>) {
+fn shoot(
+    elements: &Elements,
+    ground: &Ground,
+    i: usize,
+    first: u32,
+    end: u32,
+) -> (Vec<SurfacePoint>, Vec<Ray>, Vec<Option<Hit>>) {
     let sequence = Sequence::new(elements.seed, Stage::Probe, i as u64);
+    let points: Vec<SurfacePoint> = (first..end).map(|index| elements.point(ground, i, index)).collect();
     let rays: Vec<Ray> = (first..end)
-        .map(|index| {
-            let point = elements.probe_point(i, index);
+        .zip(&points)
+        .map(|(index, point)| {
             let [x, y, ..] = sequence.point(index, 0);
             Ray { origin: point.position, direction: frame(point.normal) * cosine_hemisphere([x, y]) }
         })
         .collect();
     let mut hits = vec![None; rays.len()];
     ground.tracer.closest(&rays, &mut hits);
-    (rays, hits)
+    (points, rays, hits)
 }
 
 /// The form factor from element `i` to `j` by the share of rays that land on it, doubled until the standard error of the
@@ -98,7 +105,7 @@ fn shoot(elements: &Elements, ground: &Ground, i: usize, first: u32, end: u32) -
 pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
     let (mut taken, mut end, mut landed) = (0u32, 64.min(effort.most_samples), 0u32);
     loop {
-        let (_, hits) = shoot(elements, ground, i, taken, end);
+        let (_, _, hits) = shoot(elements, ground, i, taken, end);
         let on_target = |hit: &&Hit| elements.element_under(ground, hit) == Some(j as u32);
         landed += hits.iter().flatten().filter(on_target).count() as u32;
         taken = end;

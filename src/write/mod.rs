@@ -2,13 +2,12 @@
 
 pub mod dump;
 pub mod exr;
-pub mod folder;
 pub mod gltf;
 pub mod output;
 pub mod usd;
 
 use crate::load::Source;
-use crate::post::{Lightmap, vertex::CornerColors};
+use crate::post::{Lightmap, Quantity, vertex::CornerColors};
 use crate::scene::Scene;
 use crate::unwrap::Atlas;
 use std::path::Path;
@@ -21,6 +20,8 @@ pub struct Baked<'a> {
     /// None where UVs alone were made.
     pub lightmap: Option<&'a Lightmap>,
     pub corners: Option<&'a CornerColors>,
+    /// What pages and colours hold.
+    pub quantity: Quantity,
     /// The page files relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`; none without light.
     pub page_uris: &'a [String],
     /// The output folder.
@@ -37,4 +38,14 @@ pub enum BakedLights {
     Mark,
     Remove,
     Keep,
+}
+
+/// Form of a GLB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GltfProfile {
+    /// Materials untouched, lightmap UVs and extras added.
+    Engine,
+    /// Baked vertex colours, unlit.
+    Vertex,
 }

@@ -40,7 +40,7 @@ pub fn strip(doc: &mut Document) {
 
 /// Writes what the whole bake holds into `asset.extras.lumel`; `vertex_scale` where there are baked vertex colours.
 pub fn write_asset(doc: &mut Document, baked: &Baked, vertex_scale: Option<f32>) {
-    let quantity = baked.lightmap.quantity;
+    let quantity = baked.quantity;
     let pages: Vec<Value> = baked
         .page_uris
         .iter()

@@ -16,7 +16,7 @@ use super::Baked;
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::scene::{Scene, SurfaceOrigin};
-use crate::settings::GltfProfile;
+use crate::write::GltfProfile;
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -61,7 +61,7 @@ pub fn copy(layer: &mut Layer, input: &dyn AbstractData, sublayer: &str, baked: 
 
 /// The contents of `customLayerData.lumel`.
 fn bake_data(baked: &Baked) -> Result<HashMap<String, Value>> {
-    let quantity = baked.lightmap.quantity;
+    let quantity = baked.quantity;
     let mut pages = Vec::with_capacity(baked.page_uris.len());
     for uri in baked.page_uris {
         let path = page_path(uri);

@@ -261,13 +261,13 @@ impl Author<'_, '_> {
     }
 
     fn quantity(&self) -> Attribute {
-        Attribute::custom("token", "lumel:quantity", quoted(self.baked.lightmap.quantity.name()))
+        Attribute::custom("token", "lumel:quantity", quoted(self.baked.quantity.name()))
     }
 
     /// The baked colours of a gprim that no other shares.
     fn colors(&mut self, path: &str, surface: usize) -> Vec<Attribute> {
         let mesh = &self.baked.scene.meshes[self.baked.scene.surfaces[surface].mesh];
-        let Some(colors) = self.baked.corners.surfaces.get(surface) else { return Vec::new() };
+        let Some(colors) = self.baked.corners.and_then(|c| c.surfaces.get(surface)) else { return Vec::new() };
         let Some(prim) = self.input.prim(path) else { return Vec::new() };
         let Some(topology) = self.input.topology(&prim) else { return Vec::new() };
         let mut attributes = Vec::new();

@@ -1,14 +1,14 @@
 //! The output folder: which files a bake leaves, and their names.
 
-use super::exr::{PageHeader, write_page};
-use super::output::Staging;
-use super::{Baked, gltf, usd};
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::progress::Progress;
 use crate::report::Report;
-use crate::settings::{GltfProfile, Settings};
+use crate::settings::Settings;
 use crate::unwrap::Atlas;
+use crate::write::exr::{PageHeader, write_page};
+use crate::write::output::Staging;
+use crate::write::{Baked, GltfProfile, gltf, usd};
 use std::path::Path;
 
 /// The scene file's name without its extension.
@@ -34,7 +34,7 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
         for (number, (page, uri)) in lightmap.pages.iter().zip(baked.page_uris).enumerate() {
             progress.check()?;
             let header = PageHeader {
-                quantity: lightmap.quantity,
+                quantity: baked.quantity,
                 page: number as u32,
                 density: baked.atlas.density,
                 scene: &name,

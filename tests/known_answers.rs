@@ -1,0 +1,186 @@
+//! Bakes and form factors whose answer is known on paper.
+
+mod support;
+
+use lumel::color::Rgb;
+use lumel::patch::reflectance::reflectance;
+use lumel::patch::unocclude::unocclude;
+use lumel::patch::{Ground, rasterize};
+use lumel::progress::Silent;
+use lumel::scene::{Environment, Light, LightShape};
+use lumel::settings::{Quality, Settings};
+use lumel::trace::Tracer;
+use lumel::transport::{Effort, Elements, form_factor};
+use std::f32::consts::PI;
+use support::{Quad, atlas, bake, bake_quads, draft, room, scene};
+
+/// The form factor from the first to the second of two quads, each one element, at default effort.
+fn between(a: Quad, b: Quad) -> f64 {
+    let scene = scene(&[a, b]);
+    let atlas = atlas(2, 16);
+    let tracer = Tracer::new(&scene);
+    let patches = rasterize(&scene, &atlas, &tracer, &Silent).unwrap();
+    let ground = Ground { scene: &scene, atlas: &atlas, tracer: &tracer, patches: &patches };
+    let (reflectance, _) = reflectance(&ground, &Silent).unwrap();
+    let exposure = unocclude(&ground, 0, &Silent).unwrap();
+    let elements = Elements::new(&ground, &exposure, &reflectance, 2, 0);
+    assert_eq!(elements.len(), 2);
+    form_factor(&elements, &ground, 0, 1, &Effort::default()).value
+}
+
+#[test]
+fn opposed_and_adjacent_unit_squares() {
+    let floor = Quad::new([0., 0., 0.], [0., 0., 1.], [1., 0., 0.]);
+    let ceiling = Quad::new([0., 1., 0.], [1., 0., 0.], [0., 0., 1.]);
+    let wall = Quad::new([0., 0., 0.], [0., 1., 0.], [0., 0., 1.]);
+    for (name, other, expected) in [("opposed", ceiling, 0.199825), ("adjacent", wall, 0.200044)] {
+        let f = between(floor, other);
+        println!("{name}: {f:.6} ({:+.3} %)", 100.0 * (f / expected - 1.0));
+        assert!((f / expected - 1.0).abs() < 0.005, "{name}: {f} against {expected}");
+    }
+}
+
+#[test]
+fn distant_squares_by_area_sampling() {
+    // Opposed parallel squares at distance c: Howell's catalogue, C-11.
+    let c = 4.0f64;
+    let x = 1.0 / c;
+    let s = (1.0 + x * x).sqrt();
+    let expected = 2.0 / (PI as f64 * x * x)
+        * (((1.0 + x * x).powi(2) / (1.0 + 2.0 * x * x)).sqrt().ln() + 2.0 * x * s * (x / s).atan() - 2.0 * x * x.atan());
+    let floor = Quad::new([0., 0., 0.], [0., 0., 1.], [1., 0., 0.]);
+    let ceiling = Quad::new([0., c as f32, 0.], [1., 0., 0.], [0., 0., 1.]);
+    let f = between(floor, ceiling);
+    println!("{f:.6} against {expected:.6}");
+    assert!((f / expected - 1.0).abs() < 0.005, "{f} against {expected}");
+}
+
+#[test]
+fn furnace_is_uniform() {
+    // Every wall emits M = pi L and reflects rho: B = M / (1 - rho), so E = B everywhere.
+    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
+    let baked = bake_quads(&quads, 16, &draft());
+    let expected = PI / (1.0 - 0.5);
+    let worst = baked.gathered.irradiance.iter().map(|e| (e.x / expected - 1.0).abs()).fold(0.0, f32::max);
+    println!("worst texel {:.4} %, balance {:+.4} %", 100.0 * worst, 100.0 * baked.energy.imbalance);
+    assert!(worst < 0.005, "{worst}");
+    assert!(baked.energy.imbalance.abs() < 0.005);
+}
+
+#[test]
+fn point_light_over_a_floor() {
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.]).albedo(0.5)]);
+    let position = glam::Vec3::new(0.0, 1.5, 0.0);
+    scene.lights.push(Light {
+        name: "lamp".into(),
+        shape: LightShape::Point { position, intensity: Rgb::new(100., 50., 25.), range: None },
+        shaping: None,
+        gltf_node: None,
+    });
+    let baked = bake(&scene, &atlas(1, 32), &draft());
+    for (i, p) in baked.patches.position.iter().enumerate() {
+        let way = position - *p;
+        let expected = 100.0 * way.y / way.length().powi(3);
+        let e = baked.gathered.irradiance[i];
+        assert!((e.x / expected - 1.0).abs() < 0.01, "{e} against {expected}");
+        assert!((e.y / e.x - 0.5).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn open_floor_under_a_constant_sky() {
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
+    scene.environment = Some(Environment::constant("sky", Rgb::new(1.0, 2.0, 3.0)));
+    let baked = bake(&scene, &atlas(1, 8), &draft());
+    for e in &baked.gathered.irradiance {
+        assert!((*e - PI * Rgb::new(1.0, 2.0, 3.0)).abs().max_element() < 1e-4, "{e}");
+    }
+    assert!(baked.energy.imbalance.abs() < 1e-3, "{}", baked.energy.imbalance);
+}
+
+#[test]
+fn patch_areas_add_up_to_the_surface() {
+    // Slanted quads in odd places of the page, at an odd size.
+    let quads = [
+        Quad::new([0., 0., 0.], [1.3, 0.2, 0.1], [0.1, 0.9, -0.4]),
+        Quad::new([2., 0., 0.], [0.013, 0.002, 0.001], [0.1, 0.9, -0.4]),
+    ];
+    let expected: f64 = quads.iter().map(|q| f64::from(q.u.cross(q.v).length())).sum();
+    let scene = scene(&quads);
+    let mut atlas = atlas(2, 37);
+    for uvs in &mut atlas.meshes {
+        for corner in uvs.corners.iter_mut().flatten() {
+            *corner = *corner * 0.913 + 0.0217;
+        }
+    }
+    let tracer = Tracer::new(&scene);
+    let patches = rasterize(&scene, &atlas, &tracer, &Silent).unwrap();
+    let sum: f64 = patches.area.iter().map(|a| f64::from(*a)).sum();
+    assert!((sum / expected - 1.0).abs() < 1e-4, "{sum} against {expected}");
+}
+
+#[test]
+fn a_double_sided_shelf_passes_light_on_below() {
+    // A lamp under a shelf lights its lower side, which lights the floor in turn: nothing but its back can do that.
+    let lamp = |sided: bool| {
+        let shelf = Quad::new([-2., 1., -2.], [0., 0., 4.], [4., 0., 0.]).albedo(0.8);
+        let shelf = if sided { shelf.double_sided() } else { shelf };
+        let floor = Quad::new([-2., 0., -2.], [0., 0., 4.], [4., 0., 0.]).albedo(0.0);
+        let mut scene = scene(&[shelf, floor]);
+        scene.lights.push(Light {
+            name: "lamp".into(),
+            shape: LightShape::Point { position: glam::Vec3::new(0., 0.5, 0.), intensity: Rgb::ONE, range: None },
+            shaping: None,
+            gltf_node: None,
+        });
+        let baked = bake(&scene, &atlas(2, 16), &draft());
+        let floor = (0..baked.patches.len()).filter(|&i| baked.patches.surface[i] == 1);
+        floor.map(|i| baked.gathered.indirect[i].x).sum::<f32>()
+    };
+    assert_eq!(lamp(false), 0.0);
+    assert!(lamp(true) > 1.0);
+}
+
+#[test]
+fn two_rooms_and_a_slit_reach_the_dim_one() {
+    // The second room gets light through a slit alone; its surfaces must converge to a thousandth all the same.
+    let mut quads = room([2., 2., 2.]);
+    quads.extend(room([2., 2., 2.]).into_iter().map(|mut q| {
+        q.corner.x += 2.0;
+        q
+    }));
+    // The wall between them leaves a slit of 5 cm, on either side.
+    quads[3] = Quad::new([2., 0., 0.], [0., 0., 1.95], [0., 2., 0.]);
+    quads[8] = Quad::new([2., 0., 0.], [0., 2., 0.], [0., 0., 1.95]);
+    quads[1].emission = 10.0;
+    let settings = Settings { quality: Quality::Draft, ..draft() };
+    let baked = bake_quads(&quads, 16, &settings);
+    println!("residual {}, shots {}, balance {}", baked.solution.residual, baked.solution.shots, baked.energy.imbalance);
+    assert!(baked.solution.residual <= 1e-3);
+    assert!(baked.energy.imbalance.abs() < 0.005, "{}", baked.energy.imbalance);
+}
+
+#[test]
+fn the_same_bits_for_one_and_two_threads() {
+    let mut quads: Vec<Quad> = room([2., 1., 3.]);
+    quads[1].emission = 5.0;
+    quads.push(Quad::new([0.5, 0.5, 0.5], [0., 0., 1.], [1., 0., 0.]).double_sided());
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| bake_quads(&quads, 16, &draft())).lightmap
+    };
+    let (one, two) = (run(1), run(2));
+    assert!(one.pages[0].rgb.iter().zip(&two.pages[0].rgb).all(|(a, b)| a.to_array().map(f32::to_bits) == b.to_array().map(f32::to_bits)));
+}
+
+#[test]
+fn zero_bounces_leave_direct_light_alone() {
+    let mut quads = room([2., 2., 2.]);
+    quads[1].emission = 3.0;
+    let baked = bake_quads(&quads, 8, &Settings { max_bounces: Some(0), ..draft() });
+    assert!(baked.gathered.indirect.iter().all(|e| *e == Rgb::ZERO));
+    let one = bake_quads(&quads, 8, &Settings { max_bounces: Some(1), ..draft() });
+    let all = bake_quads(&quads, 8, &draft());
+    let sum = |b: &support::Baked| b.gathered.irradiance.iter().map(|e| e.x).sum::<f32>();
+    assert!(sum(&baked) < sum(&one) && sum(&one) < sum(&all));
+}
