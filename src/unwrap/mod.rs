@@ -1,13 +1,33 @@
 //! Lightmap UVs for every surface, packed on pages.
+//!
+//! Authored UVs are kept where they are sound ([`authored`]). Other meshes are cut into charts ([`charting`]), the density is
+//! chosen and surfaces are dealt out to pages ([`layout`]), and charts are placed at whole texels ([`pack`]).
+//!
+//! What holds of the result: each triangle has UVs of positive area; no two charts touch a texel in common, and `padding`
+//! texels lie between any two (authored page-space UVs excepted, which are warned about); a surface lies on one page. A UV is
+//! rounded to single precision, so an edge that lies on a texel border may reach into the next texel by less than
+//! [`mask::BORDER`].
 
 pub mod authored;
-pub mod pack;
-pub mod xatlas;
+mod chart;
+mod charting;
+mod layout;
+pub mod mask;
+mod overlap;
+mod pack;
+mod shape;
+mod xatlas;
 
 use crate::error::{Result, Warnings};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use glam::Vec2;
+use authored::Set;
+use chart::Chart;
+use glam::{DVec2, Vec2};
+use layout::{Content, Layout, Subject};
+use pack::Slot;
+use rayon::prelude::*;
+use shape::Shape;
 
 /// Where each surface's lightmap lies.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,8 +110,106 @@ pub enum UvMode {
 /// `Invalid` where the scene doesn't fit the pages at any density, or authored UVs that must be kept are unsound;
 /// `Cancelled`.
 pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> Result<(Atlas, Warnings)> {
-    let _ = (scene, params, progress);
-    todo!()
+    let mut warnings = Warnings::default();
+    let mut users: Vec<Vec<usize>> = vec![Vec::new(); scene.meshes.len()];
+    for (s, surface) in scene.surfaces.iter().enumerate() {
+        users[surface.mesh].push(s);
+    }
+    let used = |m: &usize| !users[*m].is_empty();
+    let triangles = (0..users.len()).filter(used).map(|m| scene.meshes[m].triangles.len() as u64).sum();
+    progress.begin("unwrap", triangles);
+
+    let mut sets = authored::sets(scene, &users, params, &mut warnings, progress)?;
+    if let Some(atlas) = authored::page_space(scene, &mut sets, params, &mut warnings) {
+        return Ok((atlas, warnings));
+    }
+    let fresh: Vec<usize> = (0..users.len()).filter(used).filter(|&m| sets[m].is_none()).collect();
+    let shapes: Vec<Shape> = fresh.par_iter().map(|&m| Shape::new(scene, m, &users[m])).collect();
+    let mut contents: Vec<Content> = sets.iter().map(|s| s.as_ref().map_or(Content::Unused, Set::content)).collect();
+    for (&m, charts) in fresh.iter().zip(charting::charts(&shapes, progress)?) {
+        contents[m] = if users[m].len() == 1 { Content::Charts(charts) } else { Content::Shared(charts) };
+    }
+    let subject = Subject {
+        contents: &contents,
+        meshes: &scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>(),
+        names: &scene.surfaces.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
+        area: area(scene),
+    };
+    let layout = layout::layout(&subject, params, &mut warnings, progress)?;
+    Ok((place(scene, contents, sets, layout, params.padding), warnings))
+}
+
+/// Area of all surfaces [m²].
+fn area(scene: &Scene) -> f64 {
+    let surface = |(s, surface): (usize, &crate::scene::Surface)| -> f64 {
+        let triangles = 0..scene.meshes[surface.mesh].triangles.len();
+        triangles
+            .map(|t| {
+                let [a, b, c] = scene.world_triangle(s, t).map(|p| p.as_dvec3());
+                0.5 * (b - a).cross(c - a).length()
+            })
+            .sum()
+    };
+    scene.surfaces.iter().enumerate().map(surface).sum()
+}
+
+/// The layout as UVs and placements.
+fn place(scene: &Scene, contents: Vec<Content>, sets: Vec<Option<Set>>, layout: Layout, padding: u32) -> Atlas {
+    let mut meshes = vec![MeshUvs::default(); scene.meshes.len()];
+    let mut placements = Vec::with_capacity(scene.surfaces.len());
+    let vector = |size: [u32; 2]| DVec2::new(f64::from(size[0]), f64::from(size[1]));
+    for (surface, (page, slots)) in scene.surfaces.iter().zip(&layout.surfaces) {
+        let m = surface.mesh;
+        let sized = &layout.sized[m];
+        let page_size = vector(layout.pages[*page as usize]);
+        let mut placement = Placement { page: *page, scale: Vec2::ONE, offset: Vec2::ZERO };
+        // The rectangle of a shared mesh or of authored UVs.
+        let mut rectangle = |low: DVec2, size: DVec2| {
+            let scale = vector(sized.pieces[0].mask.size) / size;
+            placement.scale = (scale / page_size).as_vec2();
+            placement.offset = ((vector(slots[0].at) - low * scale) / page_size).as_vec2();
+        };
+        match &contents[m] {
+            Content::Charts(charts) => meshes[m] = mesh_uvs(scene, m, charts, &sized.charts, slots, page_size),
+            Content::Shared(charts) => {
+                rectangle(DVec2::ZERO, DVec2::ONE);
+                if let (true, Some(block)) = (meshes[m].corners.is_empty(), &sized.block) {
+                    meshes[m] = mesh_uvs(scene, m, charts, &sized.charts, &block.slots, vector(block.size));
+                }
+            }
+            Content::Authored { .. } => {
+                if let Some(set) = &sets[m] {
+                    rectangle(set.low, set.high - set.low);
+                }
+            }
+            Content::Unused => {}
+        }
+        placements.push(placement);
+    }
+    for (mesh, set) in meshes.iter_mut().zip(sets) {
+        if let Some(set) = set {
+            *mesh = set.uvs;
+        }
+    }
+    Atlas { pages: layout.pages, meshes, placements, density: layout.density as f32, padding }
+}
+
+/// UVs of a mesh whose charts have boxes of `boxes` texels at `slots` of a rectangle of `size` texels.
+fn mesh_uvs(scene: &Scene, mesh: usize, charts: &[Chart], boxes: &[[u32; 2]], slots: &[Slot], size: DVec2) -> MeshUvs {
+    let count = scene.meshes[mesh].triangles.len();
+    let mut uvs = MeshUvs {
+        corners: vec![[Vec2::ZERO; 3]; count],
+        chart: vec![0; count],
+        chart_count: charts.len() as u32,
+        authored: None,
+    };
+    for (number, ((chart, &texels), &slot)) in charts.iter().zip(boxes).zip(slots).enumerate() {
+        for (&t, corners) in chart.triangles.iter().zip(pack::texels(chart, texels, slot)) {
+            uvs.corners[t as usize] = corners.map(|p| (p / size).as_vec2());
+            uvs.chart[t as usize] = number as u32;
+        }
+    }
+    uvs
 }
 
 impl Atlas {

@@ -1,0 +1,176 @@
+//! Meshes to charts: flat parts by projection, the others by xatlas, whatever that leaves by projection again.
+
+use super::chart::{self, Chart};
+use super::shape::Shape;
+use super::xatlas::{Part, unwrap_parts};
+use crate::error::Result;
+use crate::progress::Progress;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
+
+/// Triangles of one call to xatlas, which starts threads each time.
+const BATCH_TRIANGLES: usize = 4096;
+/// Parts of one call: xatlas queues at most 1024 tasks.
+const BATCH_PARTS: usize = 256;
+
+/// A connected part of a mesh that xatlas is to chart.
+struct Job {
+    shape: usize,
+    /// The triangles that xatlas sees.
+    triangles: Vec<u32>,
+    part: Part,
+}
+
+/// What came of a batch: charts and rejected triangles, each with their shape.
+type Batch = Vec<(usize, Vec<Chart>, Vec<u32>)>;
+
+/// The charts of each shape, in a fixed order. `progress` advances by triangles.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn charts(shapes: &[Shape], progress: &dyn Progress) -> Result<Vec<Vec<Chart>>> {
+    let prepared: Vec<_> = shapes.par_iter().enumerate().map(|(i, shape)| prepare(i, shape, progress)).collect();
+    progress.check()?;
+    let mut jobs = Vec::new();
+    let (mut charts, mut rejected) = (Vec::new(), Vec::new());
+    for (flat, left, curved) in prepared {
+        charts.push(flat);
+        rejected.push(left);
+        jobs.extend(curved);
+    }
+    let batches: Vec<Batch> = batches(jobs)
+        .into_par_iter()
+        .map(|batch| {
+            progress.check()?;
+            Ok(run(shapes, batch, progress))
+        })
+        .collect::<Result<_>>()?;
+    for (shape, flat, left) in batches.into_iter().flatten() {
+        charts[shape].extend(flat);
+        rejected[shape].extend(left);
+    }
+    let projected: Vec<_> = rejected.par_iter().zip(shapes).map(|(t, shape)| chart::projected(shape, t)).collect();
+    charts.iter_mut().zip(projected).for_each(|(c, p)| c.extend(p));
+    Ok(charts)
+}
+
+/// Charts for the flat parts of a mesh, triangles that xatlas can't take, and jobs for the rest.
+fn prepare(index: usize, shape: &Shape, progress: &dyn Progress) -> (Vec<Chart>, Vec<u32>, Vec<Job>) {
+    let (mut charts, mut rejected, mut jobs) = (Vec::new(), Vec::new(), Vec::new());
+    for part in shape.parts() {
+        if let Some(flat) = chart::planar(shape, &part) {
+            charts.extend(flat);
+            progress.advance(part.len() as u64);
+            continue;
+        }
+        let job = job(index, shape, &part, &mut rejected);
+        progress.advance((part.len() - job.triangles.len()) as u64);
+        if !job.triangles.is_empty() {
+            jobs.push(job);
+        }
+    }
+    (charts, rejected, jobs)
+}
+
+/// A part for xatlas: centred, and scaled to a median edge of 1, since xatlas' epsilons are absolute. Slivers that those would
+/// swallow go to `rejected`.
+fn job(index: usize, shape: &Shape, triangles: &[u32], rejected: &mut Vec<u32>) -> Job {
+    let mut lengths: Vec<f64> = triangles
+        .iter()
+        .flat_map(|&t| {
+            let [a, b, c] = shape.corners(t);
+            [a.distance(b), b.distance(c), c.distance(a)]
+        })
+        .collect();
+    let middle = lengths.len() / 2;
+    let (_, &mut median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
+    let (low, high) = triangles
+        .iter()
+        .flat_map(|&t| shape.corners(t))
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+    let (center, scale) = (0.5 * (low + high), 1.0 / median);
+    let mut job = Job { shape: index, triangles: Vec::new(), part: Part::default() };
+    let sliver = |t: u32| {
+        let [a, b, c] = shape.corners(t);
+        let shortest = a.distance(b).min(b.distance(c)).min(c.distance(a));
+        // Well above xatlas' own limits, so that its single precision comes to the same verdict.
+        shortest * scale < 4e-4 || shape.area(t) * scale * scale < 1e-6
+    };
+    let slivers: HashSet<u32> =
+        triangles.iter().filter(|&&t| sliver(t)).map(|&t| shape.polygon[t as usize]).collect();
+    let mut number = HashMap::new();
+    for &t in triangles {
+        if slivers.contains(&shape.polygon[t as usize]) {
+            rejected.push(t);
+            continue;
+        }
+        job.triangles.push(t);
+        job.part.triangles.push(shape.mesh.triangles[t as usize].map(|v| {
+            let w = shape.welded[v as usize];
+            *number.entry(w).or_insert_with(|| {
+                job.part.positions.push(((shape.positions[w as usize] - center) * scale).as_vec3().to_array());
+                job.part.positions.len() as u32 - 1
+            })
+        }));
+    }
+    job
+}
+
+fn batches(jobs: Vec<Job>) -> Vec<Vec<Job>> {
+    let mut batches: Vec<Vec<Job>> = Vec::new();
+    let mut size = usize::MAX;
+    for job in jobs {
+        let next = job.triangles.len();
+        if size.saturating_add(next) > BATCH_TRIANGLES || batches.last().is_none_or(|b| b.len() >= BATCH_PARTS) {
+            batches.push(Vec::new());
+            size = 0;
+        }
+        size += next;
+        batches.last_mut().expect("just pushed").push(job);
+    }
+    batches
+}
+
+fn run(shapes: &[Shape], mut batch: Vec<Job>, progress: &dyn Progress) -> Batch {
+    let parts: Vec<Part> = batch.iter_mut().map(|j| std::mem::take(&mut j.part)).collect();
+    let unwrapped = unwrap_parts(&parts);
+    let finished = batch.iter().zip(unwrapped).map(|(job, unwrapped)| {
+        let shape = &shapes[job.shape];
+        let (mut charts, mut rejected) = (Vec::new(), Vec::new());
+        let chart_of = whole_polygons(shape, &job.triangles, unwrapped.chart);
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); unwrapped.chart_count as usize];
+        for (i, &c) in chart_of.iter().enumerate() {
+            match members.get_mut(c as usize) {
+                Some(list) => list.push(i),
+                None => rejected.push(job.triangles[i]),
+            }
+        }
+        for list in members.iter().filter(|l| !l.is_empty()) {
+            let triangles: Vec<u32> = list.iter().map(|&i| job.triangles[i]).collect();
+            let uv: Vec<_> = list
+                .iter()
+                .map(|&i| unwrapped.uv[i].map(|[u, v]| DVec2::new(f64::from(u), f64::from(v))))
+                .collect();
+            charts.extend(chart::flattened(shape, &triangles, &uv, &mut rejected));
+        }
+        progress.advance(job.triangles.len() as u64);
+        (job.shape, charts, rejected)
+    });
+    finished.collect()
+}
+
+/// The chart of each triangle, `u32::MAX` for all triangles of a polygon that isn't in one chart.
+fn whole_polygons(shape: &Shape, triangles: &[u32], mut chart: Vec<u32>) -> Vec<u32> {
+    let mut of_polygon = HashMap::new();
+    for (&t, &c) in triangles.iter().zip(&chart) {
+        let seen = of_polygon.entry(shape.polygon[t as usize]).or_insert(c);
+        if *seen != c {
+            *seen = u32::MAX;
+        }
+    }
+    for (t, c) in triangles.iter().zip(&mut chart) {
+        *c = of_polygon[&shape.polygon[*t as usize]];
+    }
+    chart
+}

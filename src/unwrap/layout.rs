@@ -1,0 +1,353 @@
+//! Texel density and pages: how large everything is, and which page it goes on.
+
+use super::chart::Chart;
+use super::mask::Page;
+use super::pack::{self, Block, Order, Piece, Slot};
+use super::{Density, UnwrapParams};
+use crate::error::{Error, Result, Warnings};
+use crate::progress::Progress;
+use glam::DVec2;
+use rayon::prelude::*;
+
+/// What a mesh brings to the pages.
+#[derive(Debug)]
+pub enum Content {
+    /// Charts that pack freely; the mesh has one surface.
+    Charts(Vec<Chart>),
+    /// Charts in one rectangle, of which each surface gets its own.
+    Shared(Vec<Chart>),
+    /// Authored UVs in a rectangle for each surface: the size [m] of the box of the mesh's UVs.
+    Authored { size: DVec2 },
+    /// No surface uses it.
+    Unused,
+}
+
+/// A mesh at some density.
+#[derive(Clone, Debug, Default)]
+pub struct Sized {
+    /// What each surface places: a piece for each chart, or one rectangle.
+    pub pieces: Vec<Piece>,
+    /// Boxes of the charts [texels].
+    pub charts: Vec<[u32; 2]>,
+    /// Of a shared mesh.
+    pub block: Option<Block>,
+}
+
+/// Everything has its place.
+#[derive(Debug)]
+pub struct Layout {
+    /// Page sizes [texels].
+    pub pages: Vec<[u32; 2]>,
+    /// Texels per metre.
+    pub density: f64,
+    /// By mesh.
+    pub sized: Vec<Sized>,
+    /// The page of each surface, and the slots of its mesh's pieces.
+    pub surfaces: Vec<(u32, Vec<Slot>)>,
+}
+
+/// What is laid out.
+#[derive(Debug)]
+pub struct Subject<'a> {
+    /// By mesh.
+    pub contents: &'a [Content],
+    /// The mesh of each surface.
+    pub meshes: &'a [usize],
+    /// The name of each surface.
+    pub names: &'a [&'a str],
+    /// Area of all surfaces [m²].
+    pub area: f64,
+}
+
+/// Why surfaces don't fit their pages.
+enum Overflow {
+    /// More than `max_pages` are needed; how many times the texels of all pages, about.
+    Pages(f64),
+    /// This surface alone fills more than a page.
+    Surface(usize),
+}
+
+/// Finds density and places as `params` ask for.
+///
+/// # Errors
+/// `Invalid` where nothing fits at any density; `Cancelled`.
+pub fn layout(
+    subject: &Subject,
+    params: &UnwrapParams,
+    warnings: &mut Warnings,
+    progress: &dyn Progress,
+) -> Result<Layout> {
+    match params.density {
+        Density::FillPage(side) => fill(subject, side, params.padding, progress),
+        Density::TexelsPerMetre(density) => spread(subject, f64::from(density), params, warnings, progress),
+        Density::TexelCount(count) => {
+            let density = (count as f64 / subject.area).sqrt();
+            spread(subject, density, params, warnings, progress)
+        }
+    }
+}
+
+/// Packing trials of [`fill`] once some density fits.
+const TRIALS: usize = 9;
+
+/// One page of `side` squared, filled as well as bisection finds.
+fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> Result<Layout> {
+    let all: Vec<usize> = (0..subject.meshes.len()).collect();
+    let caps = caps(subject, side, padding);
+    let attempt = |density: f64| -> Result<Option<Layout>> {
+        if caps.iter().any(|&c| c < density) {
+            return Ok(None);
+        }
+        let sized = measure(subject, density, &caps, padding, progress)?;
+        for order in [Order::Side, Order::Texels] {
+            let mut page = Page::new([side, side], padding, padding);
+            if cost(subject, &sized, &all, padding) > 1.1 * f64::from(side) * f64::from(side) {
+                return Ok(None);
+            }
+            if let Some(slots) = place_surfaces(subject, &sized, &all, &mut page, order, progress)? {
+                let surfaces = slots.into_iter().map(|s| (0, s)).collect();
+                return Ok(Some(Layout { pages: vec![[side, side]], density, sized, surfaces }));
+            }
+        }
+        Ok(None)
+    };
+    // All texels of the page are more than can be used, a tenth of them is nearly always possible.
+    let most = f64::from(side) / subject.area.sqrt();
+    let (mut high, mut low) = (most, 0.8 * most);
+    let mut best = None;
+    for _ in 0..64 {
+        best = attempt(low)?;
+        if best.is_some() {
+            break;
+        }
+        (high, low) = (low, 0.8 * low);
+    }
+    let Some(mut best) = best else {
+        return Err(Error::invalid(
+            "unwrap",
+            format!("the charts don't fit a page of {side} x {side} texels at any density; ask for a larger page"),
+        ));
+    };
+    for _ in 0..TRIALS {
+        let middle = (low * high).sqrt();
+        match attempt(middle)? {
+            Some(layout) => (best, low) = (layout, middle),
+            None => high = middle,
+        }
+    }
+    Ok(best)
+}
+
+/// As many pages as `density` needs.
+fn spread(
+    subject: &Subject,
+    density: f64,
+    params: &UnwrapParams,
+    warnings: &mut Warnings,
+    progress: &dyn Progress,
+) -> Result<Layout> {
+    let mut caps = caps(subject, params.page_size, params.padding);
+    let page_area = f64::from(params.page_size).powi(2);
+    let mut lowered = density.min((1.2 * page_area * f64::from(params.max_pages) / subject.area).sqrt());
+    for _ in 0..200 {
+        let sized = measure(subject, lowered, &caps, params.padding, progress)?;
+        match assign(subject, &sized, params, progress)? {
+            Ok((pages, surfaces)) => {
+                if lowered < density {
+                    warnings.add(
+                        "unwrap",
+                        format!(
+                            "{} page(s) of {} texels don't hold the scene at {density:.3} texels per metre; the density was \
+                             lowered to {lowered:.3}",
+                            params.max_pages, params.page_size
+                        ),
+                    );
+                }
+                for (&mesh, name) in subject.meshes.iter().zip(subject.names).filter(|(m, _)| caps[**m] < lowered) {
+                    warnings.add(
+                        format!("{name} ({:.3} texels per metre)", caps[mesh]),
+                        "the surface is larger than a page at this density; its own density was lowered",
+                    );
+                }
+                return Ok(Layout { pages, density: lowered, sized, surfaces });
+            }
+            Err(Overflow::Pages(ratio)) => lowered *= ratio.sqrt().recip().clamp(0.5, 0.93),
+            Err(Overflow::Surface(surface)) => {
+                let ratio = cost(subject, &sized, &[surface], params.padding) / (0.85 * page_area);
+                let cap = &mut caps[subject.meshes[surface]];
+                *cap = cap.min(lowered) * ratio.sqrt().recip().clamp(0.25, 0.93);
+            }
+        }
+    }
+    Err(Error::invalid(
+        "unwrap",
+        format!(
+            "the charts don't fit {} page(s) of {} texels at any density; allow more or larger pages",
+            params.max_pages, params.page_size
+        ),
+    ))
+}
+
+type Places = (Vec<[u32; 2]>, Vec<(u32, Vec<Slot>)>);
+
+/// Fills page after page.
+fn assign(
+    subject: &Subject,
+    sized: &[Sized],
+    params: &UnwrapParams,
+    progress: &dyn Progress,
+) -> Result<std::result::Result<Places, Overflow>> {
+    let padding = params.padding;
+    let costs: Vec<f64> = (0..subject.meshes.len()).map(|s| cost(subject, sized, &[s], padding)).collect();
+    let mut left: Vec<usize> = (0..costs.len()).collect();
+    left.sort_by(|&a, &b| costs[b].total_cmp(&costs[a]).then(a.cmp(&b)));
+    let full = [params.page_size; 2];
+    let page_area = f64::from(params.page_size).powi(2);
+    let mut pages = Vec::new();
+    let mut surfaces = vec![(0, Vec::new()); costs.len()];
+    while !left.is_empty() {
+        let total: f64 = left.iter().map(|&s| costs[s]).sum();
+        if pages.len() == params.max_pages as usize || total > 1.2 * page_area * f64::from(params.max_pages) {
+            let missing = total / page_area / f64::from(params.max_pages);
+            return Ok(Err(Overflow::Pages((missing + pages.len() as f64 / f64::from(params.max_pages)) * 1.1)));
+        }
+        let number = pages.len() as u32;
+        // All of the rest on one page, as small a one as holds it.
+        let mut done = false;
+        for size in page_sizes(params.page_size).filter(|s| f64::from(s[0]) * f64::from(s[1]) > 0.95 * total).take(5) {
+            let mut page = Page::new(size, padding, padding);
+            if let Some(slots) = place_surfaces(subject, sized, &left, &mut page, Order::Side, progress)? {
+                left.drain(..).zip(slots).for_each(|(s, slots)| surfaces[s] = (number, slots));
+                pages.push(size);
+                done = true;
+                break;
+            }
+        }
+        if done {
+            break;
+        }
+        // As many of the largest as fit, then what else finds room between them.
+        let mut page = Page::new(full, padding, padding);
+        let mut count = 0;
+        for share in [0.95, 0.85, 0.75, 0.65, 0.5, 0.35, 0.0] {
+            let mut sum = 0.0;
+            let next = left.iter().take_while(|&&s| {
+                sum += costs[s];
+                sum <= share * page_area
+            });
+            let next = next.count().max(1);
+            if next == count {
+                continue;
+            }
+            count = next;
+            page = Page::new(full, padding, padding);
+            if let Some(slots) = place_surfaces(subject, sized, &left[..count], &mut page, Order::Side, progress)? {
+                left.drain(..count).zip(slots).for_each(|(s, slots)| surfaces[s] = (number, slots));
+                done = true;
+                break;
+            }
+        }
+        if !done {
+            return Ok(Err(Overflow::Surface(left[0])));
+        }
+        let mut failures = 0;
+        let mut kept = Vec::new();
+        for s in left {
+            if failures < 16 {
+                let mut trial = page.clone();
+                if let Some(mut slots) = place_surfaces(subject, sized, &[s], &mut trial, Order::Side, progress)? {
+                    page = trial;
+                    surfaces[s] = (number, slots.pop().unwrap_or_default());
+                    continue;
+                }
+                failures += 1;
+            }
+            kept.push(s);
+        }
+        left = kept;
+        pages.push(full);
+    }
+    Ok(Ok((pages, surfaces)))
+}
+
+/// Page sizes up to `largest`, small ones first: powers of two from 16 on, square or two to one.
+fn page_sizes(largest: u32) -> impl Iterator<Item = [u32; 2]> {
+    let mut sizes = vec![[largest; 2]];
+    let mut side = 16;
+    while side <= largest {
+        sizes.push([side, side]);
+        if side * 2 <= largest {
+            sizes.push([side * 2, side]);
+        }
+        side *= 2;
+    }
+    sizes.sort_unstable_by_key(|s| s[0] * s[1]);
+    sizes.dedup();
+    sizes.into_iter()
+}
+
+/// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than it.
+fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
+    let side = f64::from(side.saturating_sub(2 * padding).max(1));
+    let cap = |sizes: &mut dyn Iterator<Item = DVec2>| {
+        let (longest, area) = sizes.fold((0f64, 0.0), |(l, a), s| (l.max(s.max_element()), a + s.x * s.y));
+        // Half a texel less than the side, since sizes are rounded; boxes may overlap, hence the 4.
+        ((side + 0.49) / longest).min(2.0 * side / area.sqrt())
+    };
+    let content = subject.contents.iter().map(|content| match content {
+        Content::Charts(charts) | Content::Shared(charts) => cap(&mut charts.iter().map(|c| c.size)),
+        Content::Authored { size } => cap(&mut std::iter::once(*size)),
+        Content::Unused => f64::INFINITY,
+    });
+    content.collect()
+}
+
+/// Every mesh at `density`, or its own cap where that is lower.
+fn measure(
+    subject: &Subject,
+    density: f64,
+    caps: &[f64],
+    padding: u32,
+    progress: &dyn Progress,
+) -> Result<Vec<Sized>> {
+    let measure = |(content, cap): (&Content, &f64)| {
+        progress.check()?;
+        let density = density.min(*cap);
+        let boxes = |charts: &[Chart]| charts.iter().map(|c| pack::texel_size(c.size, density)).collect();
+        let pieces = |charts: &[Chart]| charts.iter().map(|c| Piece::chart(c, density)).collect::<Vec<_>>();
+        Ok(match content {
+            Content::Charts(charts) => Sized { pieces: pieces(charts), charts: boxes(charts), block: None },
+            Content::Shared(charts) => {
+                let inner = pieces(charts);
+                let block = pack::block(&inner.iter().collect::<Vec<_>>(), padding, progress)?;
+                Sized { pieces: vec![Piece::rectangle(block.size)], charts: boxes(charts), block: Some(block) }
+            }
+            Content::Authored { size } => {
+                Sized { pieces: vec![Piece::rectangle(pack::texel_size(*size, density))], ..Sized::default() }
+            }
+            Content::Unused => Sized::default(),
+        })
+    };
+    subject.contents.par_iter().zip(caps).map(measure).collect()
+}
+
+/// Texels that `surfaces` take up, about.
+fn cost(subject: &Subject, sized: &[Sized], surfaces: &[usize], padding: u32) -> f64 {
+    surfaces.iter().flat_map(|&s| &sized[subject.meshes[s]].pieces).map(|p| p.cost(padding)).sum()
+}
+
+/// The slots of each surface, or `None` where they don't all fit the page.
+fn place_surfaces(
+    subject: &Subject,
+    sized: &[Sized],
+    surfaces: &[usize],
+    page: &mut Page,
+    order: Order,
+    progress: &dyn Progress,
+) -> Result<Option<Vec<Vec<Slot>>>> {
+    let pieces: Vec<&Piece> = surfaces.iter().flat_map(|&s| &sized[subject.meshes[s]].pieces).collect();
+    let Some(slots) = pack::place(page, &pieces, order, progress)? else { return Ok(None) };
+    let mut slots = slots.into_iter();
+    let counts = surfaces.iter().map(|&s| sized[subject.meshes[s]].pieces.len());
+    Ok(Some(counts.map(|n| slots.by_ref().take(n).collect()).collect()))
+}
