@@ -4,7 +4,9 @@
 //! [`pipeline::bake`] does all of it and is where to start to read.
 
 pub mod color;
+pub mod compare;
 pub mod error;
+pub mod inspect;
 pub mod load;
 pub mod pipeline;
 pub mod post;
