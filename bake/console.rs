@@ -135,7 +135,7 @@ impl Console {
                     if w.count > w.places.len().min(PLACES) {
                         places += &format!(", ... ({} in all)", w.count);
                     }
-                    say(&one_line(&format!("warning: {places}: {}", w.message)));
+                    say(&one_line(&format!("warning: {}: {places}", w.message)));
                 }
             }
         }
