@@ -46,8 +46,9 @@ fn run(args: &impl Typed, output: Option<&Path>, console: &Console, job: Job) ->
         .build()
         .map_err(|e| Error::invalid("--threads", e))?;
     let result = pool.install(|| job(scene, &folder, &settings, console));
-    console.finish();
+    // A stage that fails isn't said to be done: the error takes its place.
     let report = result?;
+    console.finish();
     console.warnings(&report.warnings);
     console.done(&folder, &report.summary(), start.elapsed().as_secs_f64());
     Ok(())

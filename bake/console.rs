@@ -11,7 +11,7 @@
 
 use super::args::{ConsoleArgs, LogFormat};
 use super::{log, print};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use lumel::Error;
 use lumel::error::Warnings;
 use lumel::progress::Progress;
@@ -135,7 +135,7 @@ impl Console {
                     if w.count > w.places.len().min(PLACES) {
                         places += &format!(", ... ({} in all)", w.count);
                     }
-                    say(&one_line(&format!("warning: {places}: {}", w.message)));
+                    say(&one_line(&format!("warning: {}: {places}", w.message)));
                 }
             }
         }
@@ -270,19 +270,25 @@ impl ErrorVoice {
 /// A bar of `total` units, or a spinner where that is unknown (0).
 fn bar(name: &'static str, total: u64) -> ProgressBar {
     let (bar, template) = if total > 0 {
-        let template = "{prefix:>10}  {bar:30} {percent:>3} %  {human_pos}/{human_len}  {per_sec}  {eta} left";
+        let template = "{prefix:>10}  {bar:30} {percent:>3} %  {human_pos}/{human_len}  {rate}  {eta} left";
         (ProgressBar::new(total), template)
     } else {
         (ProgressBar::new_spinner(), "{prefix:>10}  {spinner} {elapsed}")
     };
     // The templates are constants; the default style is what is left where indicatif doesn't take them.
     let bar = match ProgressStyle::with_template(template) {
-        Ok(style) => bar.with_style(style.progress_chars("=> ")),
+        Ok(style) => bar.with_style(style.progress_chars("=> ").with_key("rate", rate)),
         Err(_) => bar,
     };
     bar.set_prefix(name);
     bar.enable_steady_tick(Duration::from_millis(200));
     bar
+}
+
+/// The bar's rate; indicatif's own has four decimals.
+fn rate(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    // A field that can't be drawn is left out.
+    let _ = write!(out, "{}/s", print::number(state.per_sec()));
 }
 
 /// Writes a line to stderr. A stderr that is closed is no reason to fail (eprintln would panic).

@@ -4,15 +4,17 @@
 //! [`pipeline::bake`] does all of it and is where to start to read.
 
 pub mod color;
+pub mod compare;
 pub mod contour;
 pub mod energy;
 pub mod error;
 pub mod folder;
 pub mod gather;
+pub mod inspect;
 pub mod light;
 pub mod load;
-pub mod pipeline;
 pub mod patch;
+pub mod pipeline;
 pub mod post;
 pub mod progress;
 pub mod report;

@@ -97,7 +97,14 @@ pub fn solve(
     if shots % check_every != 0 {
         residual = convergence.remaining(&shooting.unshot_power(), &shooting.reflected_power(&start));
     }
-    let irradiance = (0..n).map(|e| shooting.received[e] + probes[e].sky + backs[e].transport).collect();
+    let sent: Vec<Rgb> = (0..n).map(|e| elements.albedo[e] * (start[e] + shooting.received[e])).collect();
+    let interreflected = |e: usize| match params.max_bounces {
+        // One sweep of gathering along the probes' rays ends the work: their shares add up to what lands, where the columns
+        // that were received do so but for the noise of each form factor.
+        None => probes[e].landed.iter().map(|&(j, share)| sent[j as usize] * share).sum(),
+        Some(_) => shooting.received[e],
+    };
+    let irradiance = (0..n).map(|e| interreflected(e) + probes[e].sky + backs[e].transport).collect();
     Ok(Solution {
         irradiance,
         landed_share: probes.iter().map(|p| p.landed_share).collect(),

@@ -1,0 +1,416 @@
+//! The command itself: exit codes, one clear line for what goes wrong, nothing left half done.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// A folder of one test's own, removed at its end; commands run in it.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("lumel-cli-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.0.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    fn command(&self, args: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lumel"));
+        command.args(args).current_dir(&self.0);
+        for name in ["LUMEL_LOG", "RUST_LOG", "RUST_BACKTRACE"] {
+            command.env_remove(name);
+        }
+        command
+    }
+
+    fn run(&self, args: &[&str]) -> Output {
+        self.command(args).output().unwrap()
+    }
+
+    fn entries(&self) -> Vec<String> {
+        let names = std::fs::read_dir(&self.0).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<String> = names.collect();
+        names.sort();
+        names
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Exit 1 and one line `error: ...` that holds `name`, without a word about a panic.
+fn assert_fails_cleanly(output: &Output, name: &str) {
+    let text = stderr(output);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    let errors: Vec<&str> = text.lines().filter(|l| l.starts_with("error: ")).collect();
+    assert_eq!(errors.len(), 1, "{text}");
+    assert!(errors[0].contains(name), "{text}");
+    assert_eq!(text.lines().last(), errors.first().copied(), "the error comes last: {text}");
+    for word in ["panic", "internal error", "RUST_BACKTRACE", "src/"] {
+        assert!(!text.contains(word), "{word}: {text}");
+    }
+}
+
+/// A binary glTF of `json` and `bin`.
+fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
+    let mut json = json.as_bytes().to_vec();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let mut bin = bin.to_vec();
+    bin.resize(bin.len().next_multiple_of(4), 0);
+    let total = 12 + 8 + json.len() + 8 + bin.len();
+    let mut bytes = b"glTF".to_vec();
+    bytes.extend(2u32.to_le_bytes());
+    bytes.extend((total as u32).to_le_bytes());
+    for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &bin)] {
+        bytes.extend((chunk.len() as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(chunk);
+    }
+    bytes
+}
+
+/// A bumpy grid of `n` x `n` squares, 1 m each, that gets light from a point light 3 m above its middle where `lit`.
+fn grid(n: u32, lit: bool) -> Vec<u8> {
+    let mut bin = Vec::new();
+    for z in 0..=n {
+        for x in 0..=n {
+            let height = 0.3 * ((x * 7 + z * 13) % 5) as f32;
+            for v in [x as f32, height, z as f32] {
+                bin.extend(v.to_le_bytes());
+            }
+        }
+    }
+    let vertices = (n + 1) * (n + 1);
+    let indices_at = bin.len();
+    for z in 0..n {
+        for x in 0..n {
+            let a = z * (n + 1) + x;
+            let (b, c, d) = (a + 1, a + n + 1, a + n + 2);
+            for i in [a, c, b, b, c, d] {
+                bin.extend(i.to_le_bytes());
+            }
+        }
+    }
+    let middle = n as f32 / 2.0;
+    let mut json = String::from(r#"{"asset":{"version":"2.0"},"scene":0,"#);
+    let nodes = if lit { "[0,1]" } else { "[0]" };
+    write!(json, r#""scenes":[{{"nodes":{nodes}}}],"nodes":[{{"name":"ground","mesh":0}}"#).unwrap();
+    if lit {
+        write!(json, r#",{{"name":"lamp","translation":[{middle},3,{middle}],"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}"#)
+            .unwrap();
+    }
+    json.push_str("],");
+    if lit {
+        json.push_str(r#""extensionsUsed":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":100}]}},"#);
+    }
+    write!(
+        json,
+        r#""meshes":[{{"name":"grid","primitives":[{{"attributes":{{"POSITION":0}},"indices":1,"material":0}}]}}],
+        "materials":[{{"name":"clay","pbrMetallicRoughness":{{"baseColorFactor":[0.5,0.5,0.5,1],"metallicFactor":0}}}}],
+        "buffers":[{{"byteLength":{0}}}],
+        "bufferViews":[{{"buffer":0,"byteOffset":0,"byteLength":{indices_at}}},
+                       {{"buffer":0,"byteOffset":{indices_at},"byteLength":{1}}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":{vertices},"type":"VEC3","min":[0,0,0],"max":[{n},1.2,{n}]}},
+                     {{"bufferView":1,"componentType":5125,"count":{2},"type":"SCALAR"}}]}}"#,
+        bin.len(),
+        bin.len() - indices_at,
+        6 * n * n
+    )
+    .unwrap();
+    glb(&json, &bin)
+}
+
+/// A page of one colour, fully covered.
+fn write_page(path: &Path, size: (usize, usize), value: f32) {
+    exr::prelude::write_rgba_file(path, size.0, size.1, |_, _| (value, value, value, 1.0f32)).unwrap();
+}
+
+#[test]
+fn usage_errors_exit_with_2() {
+    let f = Folder::new("usage");
+    f.write("a.glb", "");
+    let cases: &[&[&str]] = &[
+        &[],
+        &["bake"],
+        &["bak", "a.glb"],
+        &["bake", "a.glb", "--bogus"],
+        &["bake", "a.glb", "--quality", "best"],
+        &["bake", "a.glb", "--samples", "many"],
+        &["bake", "a.glb", "--sky", "1,2"],
+        &["bake", "a.glb", "--sky", "1,1,-1"],
+        &["bake", "a.glb", "--resolution", "4"],
+        &["bake", "a.glb", "--resolution", "256", "--density", "3"],
+        &["bake", "a.glb", "--sky", "1,1,1", "--environment", "e.hdr"],
+        &["bake", "a.glb", "--gltf", "engine,webgl"],
+        &["bake", "a.glb", "--config", "missing.toml"],
+        &["compare", "a.exr"],
+        &["compare", "a.exr", "b.exr", "--range", "0"],
+        &["completions", "cmd"],
+    ];
+    for args in cases {
+        let output = f.run(args);
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+        assert!(!text.is_empty() && !text.contains("panic"), "{args:?}: {text}");
+    }
+    assert_eq!(f.entries(), ["a.glb"]);
+}
+
+#[test]
+fn help_says_units_and_defaults_and_version_says_the_version() {
+    let f = Folder::new("help");
+    let output = f.run(&["bake", "--help"]);
+    assert_eq!(output.status.code(), Some(0));
+    let help = stdout(&output);
+    for text in
+        ["[nit", "[lx]", "texels per metre", "16..16384", "default: medium", "E / pi", "Lightmap UVs:", "Effort:"]
+    {
+        assert!(help.contains(text), "{text}");
+    }
+    let output = f.run(&["--help"]);
+    let help = stdout(&output);
+    for command in ["bake", "unwrap", "inspect", "compare", "completions", "130 interrupted"] {
+        assert!(help.contains(command), "{command}");
+    }
+    let version = stdout(&f.run(&["--version"]));
+    assert_eq!(version.trim(), format!("lumel {}", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn completions_name_the_commands() {
+    let f = Folder::new("completions");
+    for shell in ["bash", "zsh", "fish"] {
+        let output = f.run(&["completions", shell]);
+        assert_eq!(output.status.code(), Some(0));
+        assert!(stdout(&output).contains("inspect"), "{shell}");
+    }
+}
+
+#[test]
+fn a_closed_pipe_is_quiet() {
+    let f = Folder::new("pipe");
+    let mut child = f.command(&["completions", "zsh"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((output.status.code(), stderr(&output)), (Some(0), String::new()));
+}
+
+#[test]
+fn scenes_that_cannot_be_read_fail_with_one_line_and_leave_nothing() {
+    let f = Folder::new("unreadable");
+    let sound = grid(4, true);
+    f.write("truncated.glb", &sound[..sound.len() / 2]);
+    f.write("header.glb", &sound[..10]);
+    f.write("scene.obj", "v 0 0 0");
+    f.write("noextension", "v 0 0 0");
+    for name in ["empty.glb", "empty.gltf", "empty.usda", "empty.usdc", "empty.usdz", "empty.usd"] {
+        f.write(name, "");
+    }
+    f.write("nothing.glb", glb(r#"{"asset":{"version":"2.0"}}"#, &[]));
+    std::fs::create_dir(f.0.join("folder.glb")).unwrap();
+    let before = f.entries();
+    let mut names = before.clone();
+    names.extend(["missing.glb", "missing.usda"].map(String::from));
+    for name in &names {
+        for command in ["bake", "unwrap", "inspect"] {
+            assert_fails_cleanly(&f.run(&[command, name]), name);
+            assert_eq!(f.entries(), before, "{command} {name}");
+        }
+        assert_fails_cleanly(&f.run(&["bake", name, "-o", "deep/out"]), name);
+        assert_eq!(f.entries(), before, "{name}");
+    }
+}
+
+#[test]
+fn every_prefix_of_a_glb_fails_cleanly() {
+    let f = Folder::new("prefixes");
+    let sound = grid(1, true);
+    for length in (0..sound.len()).step_by(97) {
+        f.write("cut.glb", &sound[..length]);
+        assert_fails_cleanly(&f.run(&["inspect", "cut.glb"]), "cut.glb");
+    }
+}
+
+#[test]
+fn a_wrong_config_names_file_line_and_key() {
+    let f = Folder::new("config");
+    f.write("a.glb", grid(1, true));
+    f.write("lumel.toml", "quality = \"draft\"\n\ndensty = 3.0\n");
+    let output = f.run(&["bake", "a.glb"]);
+    let text = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.starts_with("error: ") && text.contains("lumel.toml:3") && text.contains("densty"), "{text}");
+    assert_eq!(text.lines().count(), 1, "{text}");
+    f.write("other.toml", "padding = 900\n");
+    let text = stderr(&f.run(&["bake", "a.glb", "--config", "other.toml"]));
+    assert!(text.contains("other.toml:1: padding: 900 is out of range"), "{text}");
+    assert_eq!(f.entries(), ["a.glb", "lumel.toml", "other.toml"]);
+}
+
+#[test]
+fn json_errors_are_one_object() {
+    let f = Folder::new("json");
+    for flags in [&["--log-format", "json"][..], &["--quiet", "--log-format", "json"]] {
+        let args: Vec<&str> = ["bake", "missing.glb"].iter().chain(flags).copied().collect();
+        let output = f.run(&args);
+        assert_eq!(output.status.code(), Some(1));
+        let text = stderr(&output);
+        let events: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        let last = events.last().unwrap();
+        assert_eq!(last["event"], "error");
+        assert!(last["message"].as_str().unwrap().contains("missing.glb"), "{text}");
+        assert!(flags[0] != "--quiet" || events.len() == 1, "{text}");
+    }
+}
+
+#[test]
+fn results_never_replace_the_input() {
+    let f = Folder::new("replace");
+    let bytes = grid(2, true);
+    let path = f.write("a.glb", &bytes);
+    let output = f.run(&["bake", "a.glb", "-o", ".", "--overwrite"]);
+    assert_fails_cleanly(&output, "a.glb");
+    assert!(stderr(&output).contains("would be replaced"));
+    assert_eq!(std::fs::read(path).unwrap(), bytes);
+    assert_eq!(f.entries(), ["a.glb"]);
+}
+
+#[test]
+fn a_page_compared_with_itself_gives_zeros() {
+    let f = Folder::new("compare");
+    write_page(&f.0.join("a.exr"), (8, 4), 0.5);
+    write_page(&f.0.join("b.exr"), (8, 4), 0.4);
+    write_page(&f.0.join("small.exr"), (4, 4), 0.5);
+    let output = f.run(&["compare", "a.exr", "a.exr", "--json", "-o", "error.png"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let figures: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    for name in ["bias", "rel_rmse", "rel_rmse_trim", "p50", "p95", "p99", "max"] {
+        assert_eq!(figures[name], 0.0, "{name}");
+    }
+    assert_eq!((&figures["texels"], &figures["only_a"]), (&32.into(), &0.into()));
+    let picture = image::open(f.0.join("error.png")).unwrap().to_rgb8();
+    assert!(picture.dimensions() == (8, 4) && picture.pixels().all(|p| p.0 == [255; 3]));
+
+    let output = f.run(&["compare", "a.exr", "b.exr"]);
+    assert!(stdout(&output).contains("25 %"), "{}", stdout(&output));
+    let output = f.run(&["compare", "a.exr", "small.exr"]);
+    assert_fails_cleanly(&output, "a.exr");
+    assert!(stderr(&output).contains("8 x 4") && stderr(&output).contains("4 x 4"));
+    assert_fails_cleanly(&f.run(&["compare", "a.exr", "missing.exr"]), "missing.exr");
+    let output = f.run(&["compare", "a.exr", "b.exr", "-o", "b.exr"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+// From here on a loader is needed.
+
+#[test]
+fn inspect_shows_areas_and_lights_with_units() {
+    let f = Folder::new("inspect");
+    f.write("a.glb", grid(2, true));
+    let output = f.run(&["inspect", "a.glb", "--density", "10"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let text = stdout(&output);
+    for word in ["ground", "grid", "clay", "m^2", "point", "cd", "lm", "texels per metre"] {
+        assert!(text.contains(word), "{word}: {text}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&stdout(&f.run(&["inspect", "a.glb", "--json"]))).unwrap();
+    assert_eq!(json["triangles"], 8);
+    let area = json["area"].as_f64().unwrap();
+    assert!(area > 4.0 && (area - json["surfaces"][0]["area"].as_f64().unwrap()).abs() < 1e-9);
+    assert_eq!((&json["lights"][0]["kind"], &json["lights"][0]["unit"]), (&"point".into(), &"cd".into()));
+    let power = json["lights"][0]["power"].as_f64().unwrap();
+    assert!((power - 400.0 * std::f64::consts::PI).abs() < 0.01, "{power}");
+}
+
+// From here on the pipeline is needed.
+
+#[test]
+fn a_scene_without_light_names_the_flags_that_give_some() {
+    let f = Folder::new("dark");
+    f.write("dark.glb", grid(1, false));
+    let output = f.run(&["bake", "dark.glb"]);
+    assert_fails_cleanly(&output, "dark.glb");
+    let text = stderr(&output);
+    assert!(text.contains("--sky") && text.contains("--environment"), "{text}");
+    assert_eq!(f.entries(), ["dark.glb"]);
+}
+
+#[test]
+fn a_bake_writes_its_folder_and_says_so() {
+    let f = Folder::new("bake");
+    f.write("a.glb", grid(2, true));
+    f.write("lumel.toml", "resolution = 64\nsamples = 16\n");
+    let output = f.run(&["bake", "a.glb", "--threads", "2"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(output.stdout.is_empty());
+    assert!(stderr(&output).contains("wrote a_baked in"), "{}", stderr(&output));
+    for name in ["a.glb", "a.vertex.glb", "report.json", "lightmaps/a_0.exr"] {
+        assert!(f.0.join("a_baked").join(name).is_file(), "{name}");
+    }
+    assert!(!f.0.join("a_baked/.lumel-partial").exists());
+    let report = std::fs::read_to_string(f.0.join("a_baked/report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["settings"]["resolution"], 64);
+
+    let output = f.run(&["bake", "a.glb", "--quiet"]);
+    assert_eq!((output.status.code(), stderr(&output)), (Some(0), String::new()), "a second run, and quiet");
+    let output = f.run(&["bake", "a.glb", "--log-format", "json"]);
+    let text = stderr(&output);
+    let events: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert!(events.iter().any(|e| e["event"] == "stage" && e["name"].is_string()), "{text}");
+    assert_eq!(events.last().unwrap()["event"], "done", "{text}");
+    let page = "a_baked/lightmaps/a_0.exr";
+    assert_eq!(f.run(&["compare", page, page]).status.code(), Some(0));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_bake_ends_within_a_second_and_leaves_nothing() {
+    use std::time::{Duration, Instant};
+    let f = Folder::new("interrupt");
+    f.write("big.glb", grid(150, true));
+    for (signal, before) in [("-INT", 1500), ("-TERM", 600), ("-INT", 3500)] {
+        let mut child = f
+            .command(&["bake", "big.glb", "--quality", "production", "--samples", "65536"])
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(before));
+        assert!(child.try_wait().unwrap().is_none(), "the bake ended before it could be interrupted");
+        let id = child.id().to_string();
+        let start = Instant::now();
+        assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+        // Not a second longer than promised, plus what a loaded machine needs to let the process die.
+        while child.try_wait().unwrap().is_none() {
+            assert!(
+                start.elapsed() < Duration::from_millis(1500),
+                "it still runs {:?} after {signal}",
+                start.elapsed()
+            );
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let output = child.wait_with_output().unwrap();
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(130), "{text}");
+        assert_eq!(text.lines().last(), Some("interrupted"), "{text}");
+        assert_eq!(f.entries(), ["big.glb"], "after {signal} at {before} ms");
+    }
+}
