@@ -16,7 +16,7 @@ mod material;
 mod mesh;
 mod node;
 mod texture;
-mod uri;
+pub(crate) mod uri;
 
 use super::{Loaded, Source};
 use crate::error::{Result, Warnings};

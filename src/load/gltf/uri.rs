@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
 /// What a URI refers to.
-pub(super) enum Resource {
+pub(crate) enum Resource {
     Bytes(Vec<u8>),
     File(PathBuf),
 }
@@ -15,7 +15,7 @@ pub(super) enum Resource {
 ///
 /// # Errors
 /// `Invalid` naming `place`, for URIs with a scheme, absolute paths, paths that leave the folder, and broken data URIs.
-pub(super) fn resolve(scene: &Path, uri: &str, place: &str) -> Result<Resource> {
+pub(crate) fn resolve(scene: &Path, uri: &str, place: &str) -> Result<Resource> {
     if let Some(data) = uri.strip_prefix("data:") {
         let bytes = data_uri(data);
         return bytes

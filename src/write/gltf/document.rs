@@ -174,7 +174,7 @@ impl Document {
         let total = u32::try_from(12 + 8 + text.len() + bin_chunk)
             .map_err(|_| Error::unsupported(&self.place, "a GLB can't be larger than 4 GiB; split the scene"))?;
         let mut glb = Vec::with_capacity(total as usize);
-        let mut word = |glb: &mut Vec<u8>, w: u32| glb.extend_from_slice(&w.to_le_bytes());
+        let word = |glb: &mut Vec<u8>, w: u32| glb.extend_from_slice(&w.to_le_bytes());
         glb.extend_from_slice(b"glTF");
         word(&mut glb, 2);
         word(&mut glb, total);

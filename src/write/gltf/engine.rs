@@ -1,8 +1,8 @@
 //! The engine profile of a glTF source: lightmap UVs for each mesh, a rectangle for each node, all else as it was.
 
 use super::accessor::Elements;
-use super::document::{Document, Object, index};
-use super::primitive::{Group, primitive_json, set_attribute, split_mesh, triangles_by_part};
+use super::document::Document;
+use super::primitive::{Group, material_indices, primitive_json, set_attribute, split_mesh, triangles_by_part};
 use super::{extras, nodes};
 use crate::error::{Result, Warnings};
 use crate::scene::Mesh;
@@ -90,22 +90,14 @@ fn free_set(doc: &Document, mesh: usize, loaded: &Mesh) -> Result<usize> {
         for primitive in triangles_by_part(loaded).into_keys() {
             let primitive = primitive_json(doc, mesh, primitive)?;
             let there = primitive.get("attributes").is_some_and(|a| a.get(format!("TEXCOORD_{set}")).is_some());
-            taken |= there && materials(doc, primitive).any(|material| reads_set(material, set));
+            let materials = material_indices(primitive).into_iter().filter_map(|m| doc.root().get("materials")?.get(m));
+            taken |= there && materials.into_iter().any(|material| reads_set(material, set));
         }
         if !taken {
             return Ok(set);
         }
         set += 1;
     }
-}
-
-/// The materials of a primitive: its own, and those of its variants.
-fn materials<'a>(doc: &'a Document, primitive: &'a Object) -> impl Iterator<Item = &'a Value> {
-    let variants = primitive.get("extensions").and_then(|e| e.get("KHR_materials_variants"));
-    let mappings = variants.and_then(|v| v.get("mappings")).and_then(Value::as_array).into_iter().flatten();
-    let variants = mappings.filter_map(Value::as_object).filter_map(|m| index(m, "material"));
-    let all = doc.root().get("materials");
-    index(primitive, "material").into_iter().chain(variants).filter_map(move |m| all?.get(m))
 }
 
 /// True where a texture of `material` is read through set `set`.

@@ -10,7 +10,9 @@ mod engine;
 mod extras;
 mod import;
 mod primitive;
+mod radiance;
 mod split;
+mod viewer_colors;
 
 use super::Baked;
 use crate::error::{Error, Result, Warnings};
@@ -36,7 +38,11 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
                     engine::write(&mut doc, baked, &mut warnings)?;
                     extras::write_asset(&mut doc, baked, None);
                 }
-                GltfProfile::Vertex => return Err(Error::unsupported(path.display(), "not built yet")),
+                GltfProfile::Vertex => {
+                    let (lights, scale) = radiance::surface_lights(baked);
+                    viewer_colors::write(&mut doc, baked, &lights, &mut warnings)?;
+                    extras::write_asset(&mut doc, baked, Some(scale));
+                }
             }
             extras::write_lights(&mut doc, baked.scene.lights.iter().filter_map(|l| l.gltf_node), baked.lights)?;
             before.compact(&mut doc);

@@ -220,7 +220,10 @@ fn by_vertex<T: Copy>(face: &[u32; 3], corners: &[u32; 3], values: &[T; 3]) -> O
     Some([value(face[0])?, value(face[1])?, value(face[2])?])
 }
 
-/// Attributes that a group's vertices gain.
+/// Appends `elements`, one a vertex of `group`, and sets them as attribute `name` of its primitives.
+///
+/// # Errors
+/// `Invalid` where a primitive is missing.
 pub fn set_group_attribute<const N: usize>(
     doc: &mut Document,
     mesh: usize,
@@ -230,4 +233,12 @@ pub fn set_group_attribute<const N: usize>(
 ) -> Result<()> {
     let accessor = elements.push(doc);
     group.parts.iter().try_for_each(|part| set_attribute(doc, mesh, part.primitive, name, accessor))
+}
+
+/// The materials of a primitive: its own, and those of its variants.
+pub fn material_indices(primitive: &Object) -> Vec<usize> {
+    let variants = primitive.get("extensions").and_then(|e| e.get("KHR_materials_variants"));
+    let mappings = variants.and_then(|v| v.get("mappings")).and_then(Value::as_array).into_iter().flatten();
+    let variants = mappings.filter_map(Value::as_object).filter_map(|m| index(m, "material"));
+    index(primitive, "material").into_iter().chain(variants).collect()
 }
