@@ -39,6 +39,10 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+/// Stack of the writing thread [bytes], enough for any depth of namespace that the loader takes. Untouched pages cost
+/// nothing.
+const STACK: usize = 512 << 20;
+
 /// Writes the layer to `path`, with asset paths that are right for its place in `baked.folder`.
 ///
 /// # Errors
@@ -48,10 +52,20 @@ pub fn write(path: &Path, baked: &Baked) -> Result<Warnings> {
     let Source::Usd(source) = baked.source else {
         return Err(Error::invalid(path.display(), "is a layer for a USD input, and the input is none"));
     };
+    // The openusd crate recurses over the namespace and may panic on a broken file; the loader guards itself alike.
+    let writer = std::thread::Builder::new().name("usd writer".into()).stack_size(STACK);
+    std::thread::scope(|scope| {
+        let handle = writer.spawn_scoped(scope, || write_layer(path, &source.path, baked));
+        let failed = || Error::invalid(source.path.display(), "could not be read again; check it with usdchecker");
+        handle.map_err(|e| Error::io(path, e))?.join().map_err(|_| failed())?
+    })
+}
+
+fn write_layer(path: &Path, source: &Path, baked: &Baked) -> Result<Warnings> {
     let mut warnings = Warnings::default();
-    let mut input = Input::open(&source.path)?;
+    let mut input = Input::open(source)?;
     let mut layer = Layer::default();
-    let sublayer = metadata::relative(&source.path, baked.folder)?;
+    let sublayer = metadata::relative(source, baked.folder)?;
     metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked)?;
     let mut instances = surfaces::author(baked, &mut input, &mut layer, &mut warnings)?;
     mark_lights(baked, &mut input, &mut instances, &mut layer, &mut warnings);
