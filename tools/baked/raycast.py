@@ -47,6 +47,10 @@ class Caster:
                 break
         return found, weights
 
+    def first(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """The first triangle along each ray whatever side it shows, -1: none."""
+        return self.scene.run(origin.astype(np.float32), direction.astype(np.float32), output=1)["primID"]
+
     def picture(self, camera: Camera, width: int, height: int, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
         """Radiance (H, W, 3) [nit], and the share of each pixel that a surface covers (H, W)."""
         origin, direction = camera.rays(width, height, samples)
