@@ -69,8 +69,9 @@ def candidates(low: np.ndarray, high: np.ndarray, fov: float) -> list[Camera]:
     return out
 
 
-def richest(cameras: list[Camera], render: Callable[[Camera], np.ndarray]) -> Camera:
-    """The camera whose picture (luminance, NaN: nothing hit) is the most varied: the entropy of its log histogram by how much is hit."""
+def chosen(low: np.ndarray, high: np.ndarray, fov: float, render: Callable[[Camera], np.ndarray]) -> Camera:
+    """The candidate whose picture (luminance, NaN: nothing hit) is the most varied: the entropy of its histogram times the
+    share of pixels that are lit; a view from outside is preferred a little."""
 
     def score(camera: Camera) -> float:
         y = render(camera)
@@ -81,6 +82,7 @@ def richest(cameras: list[Camera], render: Callable[[Camera], np.ndarray]) -> Ca
         top = np.percentile(lit, 95)
         counts, _ = np.histogram(np.clip(lit / top, 0, 1) ** 0.45, bins=32, range=(0, 1))
         p = counts[counts > 0] / counts.sum()
-        return float(-(p * np.log(p)).sum() * len(lit) / y.size)
+        inside = (camera.eye > low).all() and (camera.eye < high).all()
+        return float(-(p * np.log(p)).sum() * len(lit) / y.size) * (0.8 if inside else 1.0)
 
-    return max(cameras, key=score)
+    return max(candidates(low, high, fov), key=score)

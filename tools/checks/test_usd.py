@@ -46,15 +46,20 @@ def lightmap_uvs(prim: Usd.Prim) -> np.ndarray:
     uv = np.array(st1.ComputeFlattened(), float)
     corners = sum(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr().Get())
     assert len(uv) == corners, f"{prim.GetPath()}: {len(uv)} UVs for {corners} corners"
-    place = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("lumel:scaleOffset")
-    if place and place.HasValue():
-        sx, sy, ox, oy = place.Get()
-        uv = uv * [sx, sy] + [ox, oy]
-    return uv
+    place = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("lumel:scaleOffset" + suffix(prim))
+    assert place and place.HasValue(), f"{prim.GetPath()}: no rectangle"
+    sx, sy, ox, oy = place.Get()
+    return uv * [sx, sy] + [ox, oy]
+
+
+def suffix(prim: Usd.Prim) -> str:
+    """Where several meshes of an instance have rectangles on its root, each names its own."""
+    name = prim.GetAttribute("lumel:rectangle")
+    return f":{name.Get()}" if name and name.HasAuthoredValue() else ""
 
 
 def page_of(prim: Usd.Prim) -> Path:
-    attribute = attribute_above(prim, "lumel:lightmap")
+    attribute = attribute_above(prim, "lumel:lightmap" + suffix(prim))
     assert attribute, f"{prim.GetPath()}: no lumel:lightmap"
     path = attribute.Get().resolvedPath
     assert path and os.path.isfile(path), f"{prim.GetPath()}: {attribute.Get()} does not resolve"
