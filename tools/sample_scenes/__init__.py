@@ -1,0 +1,1 @@
+"""The sample scenes: each module describes one, `usda` and `glb` write them."""

@@ -1,0 +1,86 @@
+"""A scene as GLB: flat-shaded, one node and one mesh for each surface."""
+
+import json
+import struct
+from pathlib import Path
+
+from .model import Scene
+
+
+def write(scene: Scene, path: Path) -> None:
+    binary = bytearray()
+    views: list[dict] = []
+    accessors: list[dict] = []
+
+    def accessor(rows: list, kind: str, bounds: bool = False) -> int:
+        """Appends floats, or 16-bit indices for SCALAR, and returns the accessor's index."""
+        indices = kind == "SCALAR"
+        flat = rows if indices else [v for row in rows for v in row]
+        data = struct.pack(f"<{len(flat)}{'H' if indices else 'f'}", *flat)
+        binary.extend(b"\0" * (-len(binary) % 4))
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data), "target": 34963 if indices else 34962})
+        binary.extend(data)
+        entry = {"bufferView": len(views) - 1, "componentType": 5123 if indices else 5126, "count": len(rows), "type": kind}
+        if bounds:
+            # The bounds must be those of the 32-bit values stored.
+            stored = [struct.unpack("<3f", struct.pack("<3f", *row)) for row in rows]
+            entry["min"] = [min(r[k] for r in stored) for k in range(3)]
+            entry["max"] = [max(r[k] for r in stored) for k in range(3)]
+        accessors.append(entry)
+        return len(accessors) - 1
+
+    material_of = {m.name: i for i, m in enumerate(scene.materials)}
+    nodes, meshes = [], []
+    for mesh in scene.meshes:
+        positions, normals, triangles = [], [], []
+        for face in mesh.faces:
+            first = len(positions)
+            positions += [mesh.points[i] for i in face]
+            normals += [mesh.normal(face)] * len(face)
+            for k in range(1, len(face) - 1):
+                triangles += [first, first + k, first + k + 1]
+        attributes = {"POSITION": accessor(positions, "VEC3", bounds=True), "NORMAL": accessor(normals, "VEC3")}
+        primitive = {"attributes": attributes, "indices": accessor(triangles, "SCALAR"), "material": material_of[mesh.material]}
+        nodes.append({"name": mesh.name, "mesh": len(meshes)})
+        meshes.append({"name": mesh.name, "primitives": [primitive]})
+    materials, strengths = [], False
+    for m in scene.materials:
+        entry: dict = {
+            "name": m.name,
+            "pbrMetallicRoughness": {"baseColorFactor": [*m.albedo, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0},
+        }
+        strength = max(m.emission)
+        if strength > 0:
+            entry["emissiveFactor"] = [v / strength for v in m.emission]
+            if strength != 1:
+                entry["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+                strengths = True
+        materials.append(entry)
+    document: dict = {"asset": {"version": "2.0", "generator": "lumel tools/make_samples", "copyright": scene.comment}}
+    if strengths:
+        document["extensionsUsed"] = ["KHR_materials_emissive_strength"]
+    if scene.camera:
+        c = scene.camera
+        yfov = c.fov * 3.141592653589793 / 180
+        document["cameras"] = [{"type": "perspective", "perspective": {"aspectRatio": c.aspect, "yfov": yfov, "znear": 0.01}}]
+        nodes.append({"name": "camera", "camera": 0, "translation": list(c.eye)})
+        if c.turned:
+            nodes[-1]["rotation"] = [0, 1, 0, 0]
+    document |= {
+        "scene": 0,
+        "scenes": [{"name": scene.name, "nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+        "meshes": meshes,
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary) + -len(binary) % 4}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    binary.extend(b"\0" * (-len(binary) % 4))
+    size = 12 + 8 + len(text) + 8 + len(binary)
+    path.write_bytes(
+        struct.pack("<4sIIII", b"glTF", 2, size, len(text), 0x4E4F534A) + text
+        + struct.pack("<II", len(binary), 0x004E4942) + bytes(binary)
+    )
