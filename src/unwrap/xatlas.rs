@@ -37,8 +37,9 @@ pub struct Unwrapped {
     pub uv: Vec<[[f32; 2]; 3]>,
 }
 
-/// Texels per unit: so many that every chart is larger than a texel and is scaled down to just one.
-const DENSE: f32 = 1e6;
+/// Texels per unit: so many that most charts are larger than a texel and are scaled down to just one, so few that the page that
+/// xatlas makes for them all stays small.
+const DENSE: f32 = 64.0;
 
 /// Charts and flattens `parts`. Equal input gives equal bits: xatlas seeds its own random numbers for each part.
 pub fn unwrap_parts(parts: &[Part]) -> Vec<Unwrapped> {

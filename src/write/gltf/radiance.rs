@@ -52,10 +52,10 @@ pub fn surface_lights(baked: &Baked) -> (Vec<SurfaceLight>, f32) {
 fn surface_light(baked: &Baked, surface: usize) -> (SurfaceLight, Vec<bool>) {
     let scene = baked.scene;
     let mesh = &scene.meshes[scene.surfaces[surface].mesh];
-    let quantity = baked.lightmap.quantity;
+    let quantity = baked.quantity;
     let mut light = SurfaceLight { corners: Vec::new(), whole: Vec::new() };
     let mut emits = Vec::new();
-    for (t, values) in baked.corners.surfaces[surface].iter().enumerate() {
+    for (t, values) in baked.corners.iter().flat_map(|c| &c.surfaces[surface]).enumerate() {
         let material = &scene.materials[mesh.triangle_material[t] as usize];
         let at = |slot: &Option<TextureSlot>, weights: [f32; 3]| texture_value(scene, mesh, t, slot.as_ref(), weights);
         let vertex_color = |k: usize| mesh.colors.get(mesh.triangles[t][k] as usize).copied().unwrap_or(glam::Vec4::ONE);
