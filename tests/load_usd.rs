@@ -676,9 +676,11 @@ fn shared() -> Option<PathBuf> {
 fn real_scenes_load() {
     let Some(shared) = shared() else { return };
     let scenes = [
-        ("scenes/usdwg_standard_shader_ball/StandardShaderBall/standard_shader_ball_scene.usda", 50_000),
-        ("scenes/usdwg_teapot/Teapot/Teapot.usd", 5_000),
+        ("scenes/usdwg_standard_shader_ball/StandardShaderBall/standard_shader_ball_scene.usda", 15_000),
+        ("scenes/usdwg_teapot/Teapot/Teapot.usd", 2_000),
         ("scenes/pablode_shoe_variants/materials-variants-shoe/MaterialsVariantsShoe.usdc", 5_000),
+        ("scenes/arnold_point_instancer/test_0135/data/test.usda", 1),
+        ("scenes/arnold_point_instancer/test_0185/data/scene.usd", 1),
         ("reference/atrium/scene.usdc", 200_000),
     ];
     for (scene, triangles) in scenes {

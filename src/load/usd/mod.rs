@@ -95,7 +95,9 @@ fn open_error(path: &Path, error: openusd::Error) -> Error {
                 message = format!("{message}: {cause}");
                 source = cause.source();
             }
-            Error::invalid(path.display(), format!("is no sound USD file: {}", message.replace('\n', " ")))
+            // The parser draws the source line; one line is enough here.
+            let message: Vec<&str> = message.split_whitespace().collect();
+            Error::invalid(path.display(), format!("is no sound USD file: {}", message.join(" ")))
         }
     }
 }
@@ -108,13 +110,14 @@ fn report(error: &pcp::CompositionDiagnostic, warnings: &mut crate::error::Warni
             warnings.add(format!("{site_path}: {asset_path}"), format!("a {arc:?} names a file that was not found"));
         }
         D::MalformedLayer { asset_path, site_path, arc, reason, .. } => {
-            warnings.add(format!("{site_path}: {asset_path}"), format!("a {arc:?} could not be read: {reason}"));
+            let place = format!("{site_path}: {asset_path}: {reason}");
+            warnings.add(place, format!("a {arc:?} could not be read"));
         }
         D::UnresolvedSublayer { asset_path, introduced_by } => {
             warnings.add(format!("{introduced_by}: {asset_path}"), "a sublayer was not found");
         }
         D::MalformedSublayer { asset_path, introduced_by, reason } => {
-            warnings.add(format!("{introduced_by}: {asset_path}"), format!("a sublayer could not be read: {reason}"));
+            warnings.add(format!("{introduced_by}: {asset_path}: {reason}"), "a sublayer could not be read");
         }
         other => warnings.add("composition", other),
     }

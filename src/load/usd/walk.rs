@@ -14,8 +14,8 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-/// Prims deeper than this are left out: each level takes stack.
-const MAX_DEPTH: usize = 2000;
+/// Prims deeper than this are left out: each level takes stack, and composition time grows with the cube of the depth.
+const MAX_DEPTH: usize = 500;
 
 /// Surfaces beyond this many are left out: nested point instancers multiply.
 pub const MAX_SURFACES: usize = 4_000_000;
@@ -229,6 +229,8 @@ impl Walk {
         };
         match kind {
             "" | "Xform" | "Scope" | "Camera" | "SkelRoot" | "Skeleton" | "SkelAnimation" | "BlendShape" => {}
+            // Known families that show nothing.
+            kind if ["Render", "Physics"].iter().any(|family| kind.starts_with(family)) => {}
             "Mesh" => {
                 if names.iter().any(|n| n.as_str() == "primvars:skel:jointIndices" || n.as_str() == "skel:skeleton") {
                     self.warnings.add(prim.path(), "a skinned mesh is taken in its rest pose");
