@@ -15,6 +15,7 @@ mod network;
 mod polygon;
 mod primvar;
 mod read;
+mod surface;
 mod texture;
 mod walk;
 mod xform;
