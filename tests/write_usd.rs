@@ -1,7 +1,7 @@
 //! The USD layer: written for scenes in memory over usda files, opened again with its sublayer.
 
 use glam::{Affine3A, Vec2, Vec3};
-use lumel::load::{Source, usd::UsdSource};
+use lumel::load::{self, Source, usd::UsdSource};
 use lumel::post::vertex::CornerColors;
 use lumel::post::{Lightmap, Quantity};
 use lumel::scene::{
@@ -14,7 +14,7 @@ use openusd::sdf::{AssetPath, FromValue, Value};
 use openusd::tf::Token;
 use openusd::usd::{Prim, Stage};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A bake of `usda` in a folder of its own.
 struct Bake {
@@ -579,4 +579,107 @@ fn a_bake_of_a_bake_writes_its_own_colours_again() {
     assert_eq!(warnings, [""; 0]);
     let colors: Vec<Vec3f> = get(&stage.prim("/World/Box").unwrap(), "primvars:displayColor").unwrap();
     assert_eq!(colors[0], Vec3f { x: 9.0, y: 9.0, z: 9.0 });
+}
+
+/// The folder of shared scenes, `None` where it is absent.
+fn shared() -> Option<PathBuf> {
+    let fallback = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
+    let folder = std::env::var_os("LUMEL_REFERENCE").map_or(fallback, PathBuf::from);
+    if !folder.join("scenes").is_dir() {
+        println!("skipped: {} is absent (set LUMEL_REFERENCE)", folder.display());
+        return None;
+    }
+    Some(folder)
+}
+
+/// UVs that tell the face-varying corners of a mesh apart, v down.
+fn uv_of_corner(corner: u32) -> Vec2 {
+    Vec2::new((corner % 1021) as f32 / 1024.0, (corner / 1021 % 1021) as f32 / 1024.0)
+}
+
+/// Writes a layer for a scene as loaded, with made-up UVs, opens it, and compares each mesh that takes opinions of its own.
+fn layer_over(input: &Path, folder: &Path) {
+    let Ok(loaded) = load::load(input) else { return };
+    let scene = &loaded.scene;
+    let meshes = scene.meshes.iter().map(|m| MeshUvs {
+        corners: m.origin.iter().map(|o| o.corners.map(uv_of_corner)).collect(),
+        chart: vec![0; m.triangles.len()],
+        chart_count: 1,
+        authored: None,
+    });
+    let place = |i: usize| Placement { page: 0, scale: Vec2::splat(0.5), offset: Vec2::new(i as f32, 0.0) };
+    let atlas = Atlas {
+        pages: vec![[64, 64]],
+        meshes: meshes.collect(),
+        placements: (0..scene.surfaces.len()).map(place).collect(),
+        density: 1.0,
+        padding: 2,
+    };
+    let color = |o: &TriangleOrigin| o.corners.map(|c| Vec3::splat((c % 7) as f32));
+    let colors = scene.surfaces.iter().map(|s| scene.meshes[s.mesh].origin.iter().map(color).collect());
+    let baked = Baked {
+        scene,
+        source: &loaded.source,
+        atlas: &atlas,
+        lightmap: &Lightmap { pages: Vec::new(), quantity: Quantity::Outgoing },
+        corners: &CornerColors { surfaces: colors.collect() },
+        page_uris: &["lightmaps/scene_0.exr".to_string()],
+        folder,
+        lights: BakedLights::Mark,
+    };
+    fs::create_dir_all(folder.join("lightmaps")).unwrap();
+    fs::write(folder.join("lightmaps/scene_0.exr"), "").unwrap();
+    let output = folder.join("scene.lumel.usda");
+    let start = std::time::Instant::now();
+    let warnings = usd::write(&output, &baked).unwrap();
+    let size = fs::metadata(&output).unwrap().len();
+    println!(
+        "{}: {} triangles, {} KB in {:.2?}",
+        input.display(),
+        scene.triangle_count(),
+        size / 1024,
+        start.elapsed()
+    );
+    for warning in warnings.iter() {
+        println!("    {} x {} {:?}", warning.count, warning.message, warning.places);
+    }
+
+    let registry = openusd_schemas::schema_registry();
+    let stage = Stage::builder().schema_registry(registry).open(output.to_str().unwrap()).unwrap();
+    for (i, surface) in scene.surfaces.iter().enumerate() {
+        let path = match &surface.origin {
+            SurfaceOrigin::UsdPrim => surface.name.clone(),
+            SurfaceOrigin::UsdInstance { root, prim } => format!("{root}/{prim}"),
+            SurfaceOrigin::UsdPoint { prim, .. } => prim.clone(),
+            _ => continue,
+        };
+        let prim = stage.prim(path.as_str()).unwrap();
+        let name = token(&prim, "lumel:uvName").unwrap_or_else(|| panic!("{path}: no UVs"));
+        let uvs = flat(&prim, &format!("primvars:{name}"));
+        for corner in scene.meshes[surface.mesh].origin.iter().flat_map(|o| o.corners) {
+            let uv = uv_of_corner(corner);
+            assert_eq!(uvs[corner as usize], [uv.x, 1.0 - uv.y], "{path}");
+        }
+        if surface.origin == SurfaceOrigin::UsdPrim {
+            assert_eq!(rectangle(&prim, "primvars:lumel:scaleOffset"), Some([0.5, 0.5, i as f32, 0.5]), "{path}");
+        }
+    }
+}
+
+#[test]
+fn whole_scenes_take_a_layer() {
+    let Some(shared) = shared() else { return };
+    let scenes = [
+        "scenes/usdwg_standard_shader_ball/StandardShaderBall/standard_shader_ball_scene.usda",
+        "scenes/usdwg_teapot/Teapot/Teapot.usd",
+        "scenes/pablode_shoe_variants/materials-variants-shoe/MaterialsVariantsShoe.usdc",
+        "scenes/usdwg_usdz/test_assets/USDZ/CesiumMan/CesiumMan.usdz",
+        "scenes/arnold_point_instancer/test_0185/data/scene.usd",
+        "scenes/arnold_point_instancer/test_0135/data/test.usda",
+        "reference/atrium/scene.usdc",
+    ];
+    for (i, scene) in scenes.iter().enumerate() {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("write_usd_scenes").join(i.to_string());
+        layer_over(&shared.join(scene), &folder);
+    }
 }
