@@ -236,6 +236,9 @@ fn metadata_is_that_of_the_input() {
     customLayerData = {
         asset icon = @./icon.png@
         string author = "she said \"hello\""
+        dictionary "render settings" = {
+            double "rtx:light:intensity" = 0.5
+        }
     }
     colorConfiguration = @./ocio/config.ocio@
     defaultPrim = "World"
@@ -271,6 +274,9 @@ def Xform "World" { }
     let Some(Value::Dictionary(data)) = stage.custom_layer_data().unwrap() else { panic!("no customLayerData") };
     assert_eq!(data["icon"], Value::AssetPath("../icon.png".into()));
     assert_eq!(data["author"], Value::String("she said \"hello\"".into()));
+    let Value::Dictionary(settings) = &data["render settings"] else { panic!("no settings") };
+    assert_eq!(settings["rtx:light:intensity"], Value::Double(0.5));
+    assert!(text.contains("double \"rtx:light:intensity\" = 0.5"), "usd-core reads no bare key with a colon: {text}");
     let Value::Dictionary(lumel) = &data["lumel"] else { panic!("no lumel") };
     assert_eq!(lumel["version"], Value::String(env!("CARGO_PKG_VERSION").into()));
     assert_eq!(lumel["quantity"], Value::String("irradiance".into()));
@@ -669,17 +675,25 @@ fn layer_over(input: &Path, folder: &Path) {
 #[test]
 fn whole_scenes_take_a_layer() {
     let Some(shared) = shared() else { return };
-    let scenes = [
-        "scenes/usdwg_standard_shader_ball/StandardShaderBall/standard_shader_ball_scene.usda",
-        "scenes/usdwg_teapot/Teapot/Teapot.usd",
-        "scenes/pablode_shoe_variants/materials-variants-shoe/MaterialsVariantsShoe.usdc",
-        "scenes/usdwg_usdz/test_assets/USDZ/CesiumMan/CesiumMan.usdz",
-        "scenes/arnold_point_instancer/test_0185/data/scene.usd",
-        "scenes/arnold_point_instancer/test_0135/data/test.usda",
-        "reference/atrium/scene.usdc",
-    ];
-    for (i, scene) in scenes.iter().enumerate() {
+    let mut files = Vec::new();
+    find_stages(&shared.join("scenes"), &mut files);
+    find_stages(&shared.join("reference"), &mut files);
+    files.sort();
+    assert!(!files.is_empty());
+    for (i, file) in files.iter().enumerate() {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("write_usd_scenes").join(i.to_string());
-        layer_over(&shared.join(scene), &folder);
+        layer_over(file, &folder);
+    }
+}
+
+/// Appends every USD file below `folder`.
+fn find_stages(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            find_stages(&path, files);
+        } else if path.extension().is_some_and(|e| ["usd", "usda", "usdc", "usdz"].map(Some).contains(&e.to_str())) {
+            files.push(path);
+        }
     }
 }

@@ -68,7 +68,7 @@ fn write_layer(path: &Path, source: &Path, baked: &Baked) -> Result<Warnings> {
     let mut input = Input::open(source)?;
     let mut layer = Layer::default();
     let sublayer = metadata::relative(source, baked.folder)?;
-    metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked)?;
+    metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked, &mut warnings)?;
     let mut instances = surfaces::author(baked, &mut input, &mut layer, &mut warnings)?;
     mark_lights(baked, &mut input, &mut instances, &mut layer, &mut warnings);
 
