@@ -427,14 +427,18 @@ fn instances_of_different_uvs_get_classes_of_their_own() {
     assert!(stage.prim("/World/Two").unwrap().is_instance().unwrap());
 }
 
-#[test]
-fn nested_instances_hold_uvs() {
-    let usda = format!(
+/// Two sets that are instances of one prototype, which holds two instances of another.
+fn sets() -> String {
+    format!(
         "{}\nclass Xform \"Set\"\n{{\n{}\n}}\nclass Xform \"Leg\"\n{{\ndef Mesh \"Bar\"\n{{{MESH}}}\n}}\n",
         room(&["A", "B"].map(|n| instance_of(n, "Set")).concat()),
         ["Left", "Right"].map(|n| instance_of(n, "Leg")).concat(),
-    );
-    let mut bake = Bake::new("instances_nested", &usda);
+    )
+}
+
+#[test]
+fn nested_instances_hold_uvs() {
+    let mut bake = Bake::new("instances_nested", &sets());
     let bar = bake.mesh(&COUNTS, &[]);
     let mut x = 0.0;
     for root in ["/World/A", "/World/B"] {
@@ -605,6 +609,7 @@ fn uv_of_corner(corner: u32) -> Vec2 {
 
 /// Writes a layer for a scene as loaded, with made-up UVs, opens it, and compares each mesh that takes opinions of its own.
 fn layer_over(input: &Path, folder: &Path) {
+    // Many files of the collection are layers without geometry, or broken on purpose.
     let Ok(loaded) = load::load(input) else { return };
     let scene = &loaded.scene;
     let meshes = scene.meshes.iter().map(|m| MeshUvs {
@@ -669,6 +674,16 @@ fn layer_over(input: &Path, folder: &Path) {
         if surface.origin == SurfaceOrigin::UsdPrim {
             assert_eq!(rectangle(&prim, "primvars:lumel:scaleOffset"), Some([0.5, 0.5, i as f32, 0.5]), "{path}");
         }
+    }
+}
+
+#[test]
+fn loaded_instances_take_a_layer() {
+    for (name, usda) in [("chairs", chairs()), ("sets", sets()), ("trees", trees())] {
+        let bake = Bake::new(&format!("loaded_{name}"), &usda);
+        layer_over(&bake.input(), &bake.folder.join("room_baked"));
+        let text = fs::read_to_string(bake.folder.join("room_baked/scene.lumel.usda")).unwrap();
+        assert!(text.contains("primvars:lumel:scaleOffset:"), "{text}");
     }
 }
 
