@@ -1,0 +1,90 @@
+//! Images of textures: where their bytes are, and decoding them in parallel.
+
+use super::document::Document;
+use super::uri::{Resource, resolve};
+use crate::error::{Error, Result, Warnings};
+use crate::load::image::{ColorSpace, decode};
+use crate::scene::{Texture, Wrap};
+use ::gltf::json;
+use ::gltf::json::texture::WrappingMode;
+use ::gltf::json::validation::Checked;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// The decoded images of a document.
+pub(super) struct Images {
+    /// Index into `textures` by image of the document; `None` where it can't be read.
+    by_image: BTreeMap<usize, Option<usize>>,
+    pub textures: Vec<Texture>,
+    /// Files that were read.
+    pub files: Vec<PathBuf>,
+}
+
+impl Images {
+    /// Decodes the images of `textures` (indices of the document's), each once. Those that can't be read are warnings.
+    pub fn read(document: &Document, textures: impl Iterator<Item = usize>, warnings: &mut Warnings) -> Self {
+        let mut images: Vec<usize> = textures.filter_map(|t| image(document, t)).collect();
+        images.sort_unstable();
+        images.dedup();
+        let decoded: Vec<_> = images.par_iter().map(|&i| read_image(document, i)).collect();
+        let mut out = Self { by_image: BTreeMap::new(), textures: Vec::new(), files: Vec::new() };
+        for (image, result) in images.into_iter().zip(decoded) {
+            let index = match result {
+                Ok((texture, file)) => {
+                    out.textures.push(texture);
+                    out.files.extend(file);
+                    Some(out.textures.len() - 1)
+                }
+                Err(e) => {
+                    warnings.add(e, "the texture can't be read; the factor alone was used");
+                    None
+                }
+            };
+            out.by_image.insert(image, index);
+        }
+        out
+    }
+
+    /// The scene's index of texture `texture` of the document.
+    pub fn of(&self, document: &Document, texture: usize) -> Option<usize> {
+        self.by_image.get(&image(document, texture)?).copied().flatten()
+    }
+}
+
+/// The image of a texture; `None` where it has only one of an extension's format.
+pub(super) fn image(document: &Document, texture: usize) -> Option<usize> {
+    let texture: json::Texture = document.item("textures", texture).ok()?;
+    Some(texture.source.value()).filter(|&i| i < document.count("images"))
+}
+
+/// How a texture goes on outside of 0..1.
+pub(super) fn wrap(document: &Document, texture: usize) -> [Wrap; 2] {
+    let mode = |mode| match mode {
+        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+        Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
+    };
+    let texture: Option<json::Texture> = document.item("textures", texture).ok();
+    let sampler: Option<json::texture::Sampler> =
+        texture.and_then(|t| t.sampler).and_then(|s| document.item("samplers", s.value()).ok());
+    sampler.map_or([Wrap::Repeat; 2], |s| [mode(s.wrap_s), mode(s.wrap_t)])
+}
+
+/// Decodes image `index`; base colour and emission are both sRGB-encoded.
+fn read_image(document: &Document, index: usize) -> Result<(Texture, Option<PathBuf>)> {
+    let image: json::Image = document.item("images", index)?;
+    let place = document.place("images", index);
+    match (image.buffer_view, image.uri) {
+        (Some(view), _) => Ok((decode(&place, document.view(view.value())?.bytes, ColorSpace::Srgb)?, None)),
+        (None, Some(uri)) => match resolve(&document.path, &uri, &place)? {
+            Resource::Bytes(bytes) => Ok((decode(&place, &bytes, ColorSpace::Srgb)?, None)),
+            Resource::File(file) => {
+                let bytes = std::fs::read(&file).map_err(|e| Error::io(&file, e))?;
+                let texture = decode(&file.display().to_string(), &bytes, ColorSpace::Srgb)?;
+                Ok((texture, Some(file)))
+            }
+        },
+        (None, None) => Err(Error::invalid(place, "has neither a URI nor a buffer view")),
+    }
+}
