@@ -11,6 +11,7 @@ mod extras;
 mod import;
 mod primitive;
 mod radiance;
+mod scene;
 mod split;
 mod viewer_colors;
 
@@ -48,7 +49,13 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
             before.compact(&mut doc);
             doc
         }
-        Source::Usd(_) => return Err(Error::unsupported(path.display(), "not built yet")),
+        Source::Usd(_) => {
+            let colors = (profile == GltfProfile::Vertex).then(|| radiance::surface_lights(baked));
+            let lights = colors.as_ref().map(|(lights, _)| lights.as_slice());
+            let mut doc = scene::build(baked, lights, &mut warnings)?;
+            extras::write_asset(&mut doc, baked, colors.as_ref().map(|(_, scale)| *scale));
+            doc
+        }
     };
     std::fs::write(path, doc.to_glb()?).map_err(|e| Error::io(path, e))?;
     Ok(warnings)

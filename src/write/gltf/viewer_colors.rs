@@ -165,6 +165,8 @@ fn make_unlit(material: &mut Object) {
     }
     let extensions = material.entry("extensions").or_insert_with(|| json!({}));
     if let Some(extensions) = extensions.as_object_mut() {
+        // It must not stand beside the unlit one.
+        extensions.shift_remove("KHR_materials_pbrSpecularGlossiness");
         extensions.entry(UNLIT).or_insert_with(|| json!({}));
     }
 }
