@@ -9,6 +9,7 @@ mod document;
 mod engine;
 mod extras;
 mod import;
+mod instances;
 mod primitive;
 mod radiance;
 mod scene;
@@ -20,7 +21,7 @@ use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::scene::{Scene, SurfaceOrigin};
 use crate::settings::GltfProfile;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Writes the baked scene as a GLB to `path`; URIs in it are relative to `baked.folder`.
@@ -61,15 +62,12 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
     Ok(warnings)
 }
 
-/// The surfaces of a glTF scene and their nodes. A node stands for one surface; further ones (instances) are named in a
-/// warning.
-fn nodes(scene: &Scene, warnings: &mut Warnings) -> Vec<(usize, usize)> {
-    let mut seen = BTreeSet::new();
-    let mut nodes = Vec::new();
+/// The nodes of a glTF scene and their surfaces in order: one, or many where the node draws instances.
+fn nodes(scene: &Scene) -> BTreeMap<usize, Vec<usize>> {
+    let mut nodes: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, surface) in scene.surfaces.iter().enumerate() {
-        match surface.origin {
-            SurfaceOrigin::GltfNode(node) if seen.insert(node) => nodes.push((i, node)),
-            _ => warnings.add(&surface.name, "is not a node of its own in the source; the GLB doesn't say where its light is"),
+        if let SurfaceOrigin::GltfNode(node) = surface.origin {
+            nodes.entry(node).or_default().push(i);
         }
     }
     nodes

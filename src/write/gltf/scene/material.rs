@@ -38,7 +38,13 @@ impl<'a> Materials<'a> {
     ///
     /// # Errors
     /// `Invalid` where a picture can't be encoded.
-    pub fn write(&mut self, doc: &mut Document, material: usize, whole: bool, warnings: &mut Warnings) -> Result<usize> {
+    pub fn write(
+        &mut self,
+        doc: &mut Document,
+        material: usize,
+        whole: bool,
+        warnings: &mut Warnings,
+    ) -> Result<usize> {
         if let Some(written) = self.written.get(&(material, whole)) {
             return Ok(*written);
         }
@@ -102,7 +108,13 @@ impl<'a> Materials<'a> {
     }
 
     /// Emissive factor, strength and texture. Values above what a picture holds go into the strength.
-    fn emission(&mut self, doc: &mut Document, material: usize, json: &mut Value, warnings: &mut Warnings) -> Result<()> {
+    fn emission(
+        &mut self,
+        doc: &mut Document,
+        material: usize,
+        json: &mut Value,
+        warnings: &mut Warnings,
+    ) -> Result<()> {
         let source = &self.scene.materials[material];
         let mut emission = source.emission;
         if let Some(slot) = &source.emission_texture {
@@ -151,7 +163,8 @@ impl<'a> Materials<'a> {
         if slot.wrap.contains(&Wrap::Black) {
             warnings.add(place, "a texture that is black outside of its picture repeats its border in the GLB");
         }
-        let index = self.pictures.write(doc, &self.scene.textures, slot.texture, encoding, slot.wrap.map(wrap), warnings)?;
+        let index =
+            self.pictures.write(doc, &self.scene.textures, slot.texture, encoding, slot.wrap.map(wrap), warnings)?;
         let mut info = Object::new();
         info.insert("index".into(), index.into());
         let set = self.sets(material).into_iter().find(|(_, name)| *name == slot.uv_set).map_or(0, |(n, _)| n);
@@ -161,7 +174,8 @@ impl<'a> Materials<'a> {
         if slot.image_from_uv != Affine2::IDENTITY {
             let (transform, exact) = texture_transform(slot.image_from_uv);
             if !exact {
-                warnings.add(place, "a sheared texture transform can't be expressed in the GLB; the shear was left out");
+                warnings
+                    .add(place, "a sheared texture transform can't be expressed in the GLB; the shear was left out");
             }
             info.insert("extensions".into(), json!({ "KHR_texture_transform": transform }));
             doc.use_extension("KHR_texture_transform");

@@ -82,7 +82,12 @@ fn png(texture: &Texture, encoding: &Encoding, warnings: &mut Warnings) -> Resul
                 let v = texture.texel(x, y) * encoding.scale + encoding.bias;
                 let color = v.truncate() / encoding.peak;
                 clipped |= color.max_element() > 1.001;
-                [byte(srgb_from_linear(color.x)), byte(srgb_from_linear(color.y)), byte(srgb_from_linear(color.z)), byte(v.w)]
+                [
+                    byte(srgb_from_linear(color.x)),
+                    byte(srgb_from_linear(color.y)),
+                    byte(srgb_from_linear(color.z)),
+                    byte(v.w),
+                ]
             })
             .collect(),
     };
