@@ -62,6 +62,11 @@ fn furnace_is_uniform() {
     let baked = bake_quads(&quads, 16, &draft());
     let expected = PI / (1.0 - 0.5);
     let worst = baked.gathered.irradiance.iter().map(|e| (e.x / expected - 1.0).abs()).fold(0.0, f32::max);
+    let deviation = |values: &mut dyn Iterator<Item = f32>| values.map(|e| (e / PI - 1.0).abs()).fold(0.0, f32::max);
+    let direct = deviation(&mut baked.direct.shown.iter().map(|e| e.x));
+    let elements = deviation(&mut baked.solution.irradiance.iter().map(|e| e.x));
+    println!("direct {:.4} %, elements {:.4} %", 100.0 * direct, 100.0 * elements);
+    for i in 0..baked.patches.len() { if baked.gathered.landed_share[i] < 1.0 { println!("lost {} at {} n {} exp {:?} E {}", baked.gathered.landed_share[i], baked.patches.position[i], baked.patches.normal[i], baked.exposure.cells[i], baked.gathered.irradiance[i].x); } }
     println!("worst texel {:.4} %, balance {:+.4} %", 100.0 * worst, 100.0 * baked.energy.imbalance);
     assert!(worst < 0.005, "{worst}");
     assert!(baked.energy.imbalance.abs() < 0.005);

@@ -39,10 +39,8 @@ fn sphere(radius: f32, segments: u32, rings: u32) -> Mesh {
     let mut positions = vec![Vec3::new(0.0, radius, 0.0)];
     for r in 1..rings {
         for s in 0..segments {
-            let (theta, phi) = (
-                std::f32::consts::PI * r as f32 / rings as f32,
-                std::f32::consts::TAU * s as f32 / segments as f32,
-            );
+            let (theta, phi) =
+                (std::f32::consts::PI * r as f32 / rings as f32, std::f32::consts::TAU * s as f32 / segments as f32);
             positions.push(radius * Vec3::new(theta.sin() * phi.cos(), theta.cos(), -theta.sin() * phi.sin()));
         }
     }
@@ -208,7 +206,8 @@ fn picture(name: &str, scene: &Scene, atlas: &Atlas) {
     let Some(folder) = std::env::var_os("LUMEL_ATLAS_PICTURES") else { return };
     for (page, &[w, h]) in atlas.pages.iter().enumerate() {
         let mut image = image::RgbImage::new(w, h);
-        for (s, surface) in scene.surfaces.iter().enumerate().filter(|(s, _)| atlas.placements[*s].page == page as u32) {
+        for (s, surface) in scene.surfaces.iter().enumerate().filter(|(s, _)| atlas.placements[*s].page == page as u32)
+        {
             for (t, &chart) in atlas.meshes[surface.mesh].chart.iter().enumerate() {
                 let hash = (chart + 1 + 7919 * s as u32).wrapping_mul(2654435761);
                 let shade = [hash >> 8, hash >> 16, hash >> 24].map(|v| (v & 127) as u8 + 80 + (t % 4) as u8 * 12);

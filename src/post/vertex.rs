@@ -80,7 +80,8 @@ fn sample(page: &PageImage, at: Vec2) -> Rgb {
 fn average(mesh: &Mesh, by_material: bool, colors: &mut [[Rgb; 3]]) {
     let smooth = !mesh.normals.is_empty();
     let least_cos = if smooth { SMOOTH_COS } else { FLAT_COS };
-    let normals: Vec<Vec3> = mesh.triangles.iter().map(|t| face_normal(t.map(|v| mesh.positions[v as usize]))).collect();
+    let normals: Vec<Vec3> =
+        mesh.triangles.iter().map(|t| face_normal(t.map(|v| mesh.positions[v as usize]))).collect();
     let normal = |(t, k): (usize, usize)| if smooth { mesh.normals[mesh.triangles[t][k] as usize] } else { normals[t] };
     let material = |t: usize| if by_material { mesh.triangle_material[t] } else { 0 };
     let position = |(t, k): (usize, usize)| mesh.positions[mesh.triangles[t][k] as usize];
@@ -130,12 +131,10 @@ mod tests {
     /// 16 x 8 page with two empty columns between: left 1, right 3.
     fn hinge(degrees: f32, smooth: bool) -> CornerColors {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        let quads = [[[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0]], [
-            [0.0, 0.0, 0.0],
-            [cos, 0.0, -sin],
-            [cos, 1.0, -sin],
-            [0.0, 1.0, 0.0],
-        ]];
+        let quads = [
+            [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0]],
+            [[0.0, 0.0, 0.0], [cos, 0.0, -sin], [cos, 1.0, -sin], [0.0, 1.0, 0.0]],
+        ];
         let uv = |u0: f32, u1: f32| {
             let [a, b, c, d] = [[u0, 0.0], [u1, 0.0], [u1, 1.0], [u0, 1.0]].map(Vec2::from_array);
             [[a, b, c], [a, c, d]]

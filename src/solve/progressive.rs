@@ -46,6 +46,9 @@ pub struct Solution {
     pub rays: u64,
 }
 
+/// Sweeps of gathering after the last shot: enough to bring a furnace within 0.3 % at every element.
+const POLISHING_SWEEPS: u32 = 3;
+
 /// Shots after which the work is given up, for each element: it never comes to this unless albedos reach 1.
 const MOST_SHOTS: u64 = 2000;
 
@@ -97,14 +100,13 @@ pub fn solve(
     if shots % check_every != 0 {
         residual = convergence.remaining(&shooting.unshot_power(), &shooting.reflected_power(&start));
     }
-    let sent: Vec<Rgb> = (0..n).map(|e| elements.albedo[e] * (start[e] + shooting.received[e])).collect();
-    let interreflected = |e: usize| match params.max_bounces {
-        // One sweep of gathering along the probes' rays ends the work: their shares add up to what lands, where the columns
-        // that were received do so but for the noise of each form factor.
-        None => probes[e].landed.iter().map(|&(j, share)| sent[j as usize] * share).sum(),
-        Some(_) => shooting.received[e],
+    let received = if params.max_bounces.is_none() {
+        polish(elements, &probes, &start, std::mem::take(&mut shooting.received))
+    } else {
+        // A sweep would add a bounce.
+        std::mem::take(&mut shooting.received)
     };
-    let irradiance = (0..n).map(|e| interreflected(e) + probes[e].sky + backs[e].transport).collect();
+    let irradiance = (0..n).map(|e| received[e] + probes[e].sky + backs[e].transport).collect();
     Ok(Solution {
         irradiance,
         landed_share: probes.iter().map(|p| p.landed_share).collect(),
@@ -116,6 +118,16 @@ pub fn solve(
             + n as u64 * u64::from(params.probe_rays)
             + backs.iter().map(|b| b.rays).sum::<u64>(),
     })
+}
+
+/// Ends the work with a few sweeps of gathering along the probes' rays. Their shares add up to what lands, exactly, while the
+/// columns that an element received from do so but for the noise of each form factor; each sweep damps that noise.
+fn polish(elements: &Elements, probes: &[Probe], start: &[Rgb], mut received: Vec<Rgb>) -> Vec<Rgb> {
+    for _ in 0..POLISHING_SWEEPS {
+        let sent: Vec<Rgb> = (0..elements.len()).map(|e| elements.albedo[e] * (start[e] + received[e])).collect();
+        received = probes.iter().map(|p| p.landed.iter().map(|&(j, share)| sent[j as usize] * share).sum()).collect();
+    }
+    received
 }
 
 /// Direct light on the elements that are backs, zero on the others.

@@ -120,17 +120,14 @@ pub fn page_space(
     if doubled > 0 {
         warnings.add("unwrap", "authored UVs of two surfaces overlap a little; they are used as they stand");
     }
-    let meshes: Vec<MeshUvs> =
-        sets.iter_mut().map(|s| s.take().map_or_else(MeshUvs::default, |set| set.uvs)).collect();
+    let meshes: Vec<MeshUvs> = sets.iter_mut().map(|s| s.take().map_or_else(MeshUvs::default, |set| set.uvs)).collect();
     let flat: f64 = scene.surfaces.iter().map(|s| uv_area(&meshes[s.mesh])).sum();
     // Texels along a page's side for each texel per metre.
     let side_per_density = (area(scene) / flat).sqrt();
     let nearest = |side: f64| (side.max(16.0).log2().round() as u32).clamp(4, 14);
     let side = match params.density {
         Density::FillPage(side) => side,
-        Density::TexelsPerMetre(density) => {
-            (1 << nearest(f64::from(density) * side_per_density)).min(params.page_size)
-        }
+        Density::TexelsPerMetre(density) => (1 << nearest(f64::from(density) * side_per_density)).min(params.page_size),
         Density::TexelCount(count) => (1 << nearest((count as f64 / flat).sqrt())).min(params.page_size),
     };
     warn_of_shared_texels(scene, &meshes, side, warnings);

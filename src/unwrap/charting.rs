@@ -97,8 +97,7 @@ fn job(index: usize, shape: &Shape, triangles: &[u32], rejected: &mut Vec<u32>) 
         // Well above xatlas' own limits, so that its single precision comes to the same verdict.
         shortest * scale < 4e-4 || shape.area(t) * scale * scale < 1e-6
     };
-    let slivers: HashSet<u32> =
-        triangles.iter().filter(|&&t| sliver(t)).map(|&t| shape.polygon[t as usize]).collect();
+    let slivers: HashSet<u32> = triangles.iter().filter(|&&t| sliver(t)).map(|&t| shape.polygon[t as usize]).collect();
     let mut number = HashMap::new();
     for &t in triangles {
         if slivers.contains(&shape.polygon[t as usize]) {
@@ -148,10 +147,8 @@ fn run(shapes: &[Shape], mut batch: Vec<Job>, progress: &dyn Progress) -> Batch 
         }
         for list in members.iter().filter(|l| !l.is_empty()) {
             let triangles: Vec<u32> = list.iter().map(|&i| job.triangles[i]).collect();
-            let uv: Vec<_> = list
-                .iter()
-                .map(|&i| unwrapped.uv[i].map(|[u, v]| DVec2::new(f64::from(u), f64::from(v))))
-                .collect();
+            let uv: Vec<_> =
+                list.iter().map(|&i| unwrapped.uv[i].map(|[u, v]| DVec2::new(f64::from(u), f64::from(v)))).collect();
             charts.extend(chart::flattened(shape, &triangles, &uv, &mut rejected));
         }
         progress.advance(job.triangles.len() as u64);

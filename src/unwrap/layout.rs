@@ -303,13 +303,7 @@ fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
 }
 
 /// Every mesh at `density`, or its own cap where that is lower.
-fn measure(
-    subject: &Subject,
-    density: f64,
-    caps: &[f64],
-    padding: u32,
-    progress: &dyn Progress,
-) -> Result<Vec<Sized>> {
+fn measure(subject: &Subject, density: f64, caps: &[f64], padding: u32, progress: &dyn Progress) -> Result<Vec<Sized>> {
     let measure = |(content, cap): (&Content, &f64)| {
         progress.check()?;
         let density = density.min(*cap);

@@ -41,6 +41,9 @@ pub struct Unwrapped {
 /// xatlas makes for them all stays small.
 const DENSE: f32 = 64.0;
 
+/// Side of xatlas' own pages [texels]: given, or it would work out a page for that density.
+const PAGE: u32 = 256;
+
 /// Charts and flattens `parts`. Equal input gives equal bits: xatlas seeds its own random numbers for each part.
 pub fn unwrap_parts(parts: &[Part]) -> Vec<Unwrapped> {
     static QUIET: Once = Once::new();
@@ -85,7 +88,7 @@ pub fn unwrap_parts(parts: &[Part]) -> Vec<Unwrapped> {
     let options = PackOptions {
         attempts: 1,
         texels_per_unit: DENSE,
-        resolution: 0,
+        resolution: PAGE,
         max_chart_size: 1,
         block_align: false,
         conservative: false,
@@ -286,12 +289,7 @@ unsafe extern "C" {
     #[link_name = "_ZN6xatlas13ComputeChartsEPNS_5AtlasENS_12ChartOptionsEPFvNS_16ProgressCategory4EnumEiPvES5_"]
     fn compute_charts(atlas: *mut OutputAtlas, options: ChartOptions, progress: ProgressFn, user: *mut c_void);
     #[link_name = "_ZN6xatlas18ParameterizeChartsEPNS_5AtlasEPFvPKfPfjPKjjbEPFvNS_16ProgressCategory4EnumEiPvESB_"]
-    fn parameterize_charts(
-        atlas: *mut OutputAtlas,
-        function: ParameterizeFn,
-        progress: ProgressFn,
-        user: *mut c_void,
-    );
+    fn parameterize_charts(atlas: *mut OutputAtlas, function: ParameterizeFn, progress: ProgressFn, user: *mut c_void);
     #[link_name = "_ZN6xatlas10PackChartsEPNS_5AtlasENS_11PackOptionsEPFvNS_16ProgressCategory4EnumEiPvES5_"]
     fn pack_charts(atlas: *mut OutputAtlas, options: PackOptions, progress: ProgressFn, user: *mut c_void);
     #[link_name = "_ZN6xatlas8SetPrintEPFiPKczEb"]

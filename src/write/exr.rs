@@ -8,8 +8,10 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::post::{PageImage, Quantity};
 use exr::prelude::{
-    AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds,
-    Layer, LayerAttributes, LineOrder, Text, Vec2, WritableImage, attribute::{AttributeValue, Chromaticities}, f16,
+    AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
+    LayerAttributes, LineOrder, Text, Vec2, WritableImage,
+    attribute::{AttributeValue, Chromaticities},
+    f16,
 };
 use exr::{compression::Compression, error::Error as ExrError};
 use std::io::Cursor;

@@ -119,6 +119,11 @@ impl Document {
                     }
                 },
                 (None, Some(bin)) if index == 0 => bin.to_vec(),
+                (None, _) if buffer.extensions.is_some_and(|e| e.others.keys().any(|k| k.contains("meshopt"))) => {
+                    let message =
+                        "is compressed with EXT_meshopt_compression, which can't be read; export it uncompressed";
+                    return Err(Error::unsupported(place, message));
+                }
                 (None, _) => return Err(Error::invalid(place, "has neither a URI nor a GLB chunk; export it again")),
             };
             let length = usize::try_from(buffer.byte_length.0).ok().filter(|&l| l <= bytes.len());
@@ -137,18 +142,33 @@ impl Document {
     }
 }
 
-/// The JSON and BIN chunks of a GLB.
+/// The JSON and BIN chunks of a GLB (glTF 2.0 section 4.4). Unknown chunks are skipped, as the specification asks; the
+/// `gltf` crate's parser refuses them, and trusts the header's length.
 fn chunks<'a>(bytes: &'a [u8], place: &str) -> Result<(&'a [u8], Option<&'a [u8]>)> {
-    use std::borrow::Cow;
-    let length = bytes.get(8..12).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
-    // `Glb` subtracts the header from the length without a check, and reads beyond it.
-    let whole = length.and_then(|l| usize::try_from(l).ok()).filter(|&l| l >= 12).and_then(|l| bytes.get(..l));
-    let whole = whole.ok_or_else(|| Error::invalid(place, "the GLB is cut off; export or copy it again"))?;
-    let glb = ::gltf::binary::Glb::from_slice(whole)
-        .map_err(|e| Error::invalid(place, format!("broken GLB: {e}; export it again")))?;
-    match (glb.json, glb.bin) {
-        (Cow::Borrowed(json), None) => Ok((json, None)),
-        (Cow::Borrowed(json), Some(Cow::Borrowed(bin))) => Ok((json, Some(bin))),
-        _ => Err(Error::invalid(place, "broken GLB; export it again")),
+    let cut = || Error::invalid(place, "the GLB is cut off; export or copy it again");
+    let word = |at: usize| {
+        let bytes = bytes.get(at..at.checked_add(4)?)?;
+        usize::try_from(u32::from_le_bytes(bytes.try_into().ok()?)).ok()
+    };
+    let version = word(4).ok_or_else(cut)?;
+    if version != 2 {
+        return Err(Error::unsupported(place, format!("GLB version {version}; export it as glTF 2.0")));
     }
+    let length = word(8).filter(|&l| l <= bytes.len()).ok_or_else(cut)?;
+    let (mut json, mut bin) = (None, None);
+    let mut at = 12;
+    while at < length {
+        let (size, kind) = (word(at).ok_or_else(cut)?, bytes.get(at + 4..at + 8).ok_or_else(cut)?);
+        let start = at + 8;
+        let end = start.checked_add(size).filter(|&end| end <= length).ok_or_else(cut)?;
+        let data = bytes.get(start..end).ok_or_else(cut)?;
+        match kind {
+            b"JSON" if json.is_none() => json = Some(data),
+            b"BIN\0" if bin.is_none() => bin = Some(data),
+            _ => {}
+        }
+        at = end;
+    }
+    let json = json.ok_or_else(|| Error::invalid(place, "the GLB has no JSON chunk; export it again"))?;
+    Ok((json, bin))
 }

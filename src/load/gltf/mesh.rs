@@ -27,6 +27,9 @@ pub(super) struct MeshReader<'a> {
     triangles: usize,
 }
 
+/// The accessors of a primitive's attributes.
+type Attributes = Vec<(Checked<Semantic>, usize)>;
+
 /// The vertices of a primitive; missing attributes are empty.
 struct Vertices {
     positions: Vec<Vec3>,
@@ -71,7 +74,7 @@ impl<'a> MeshReader<'a> {
         let has_normals = |p: &json::mesh::Primitive| p.attributes.contains_key(&Checked::Valid(Semantic::Normals));
         let any_normals = source.primitives.iter().any(has_normals);
         // Exporters often let primitives share their vertices and differ in indices alone; so they do here.
-        let mut shared: BTreeMap<Vec<(Checked<Semantic>, usize)>, (usize, usize)> = BTreeMap::new();
+        let mut shared: BTreeMap<Attributes, (usize, usize)> = BTreeMap::new();
         if source.primitives.iter().any(|p| p.targets.as_ref().is_some_and(|t| !t.is_empty())) {
             warnings.add(&place, "morph targets are not applied; the base shape was baked");
         }
@@ -79,7 +82,7 @@ impl<'a> MeshReader<'a> {
             let place = format!("{place} primitive {part}");
             let Some(corners) = self.corners(primitive, &place, warnings)? else { continue };
             let flat = any_normals && !has_normals(primitive);
-            let key: Vec<_> = primitive.attributes.iter().map(|(k, v)| (k.clone(), v.value())).collect();
+            let key: Attributes = primitive.attributes.iter().map(|(k, v)| (k.clone(), v.value())).collect();
             let known = shared.get(&key).copied().filter(|_| !flat);
             let (first, count) = match known {
                 Some(range) => range,
@@ -196,8 +199,10 @@ impl<'a> MeshReader<'a> {
                 Semantic::Colors(0) => {
                     let colors = read(&[Type::Vec3, Type::Vec4], true)?;
                     // The specification bounds them; NaN becomes 0.
-                    vertices.colors =
-                        colors.rows(1.0).map(|c| Vec4::from_array(c.map(|v: f32| v.max(0.0).min(1.0)))).collect();
+                    vertices.colors = colors
+                        .rows(1.0)
+                        .map(|c| Vec4::from_array(c.map(|v: f32| v.max(0.0).clamp(0.0, 1.0))))
+                        .collect();
                     vertices.colors.len()
                 }
                 _ => continue,

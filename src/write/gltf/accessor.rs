@@ -118,7 +118,9 @@ pub fn read(doc: &Document, accessor: usize) -> Result<Elements> {
             indices.chunks_exact(kind.size()).take(replaced).map(|b| kind.read(b) as usize).collect();
         let values = view_bytes(doc, values_view)?.0.get(values_offset..).unwrap_or(&[]);
         let values = values.get(..replaced.saturating_mul(size)).filter(|_| targets.len() == replaced);
-        for (target, value) in targets.iter().zip(values.ok_or_else(|| broken("has broken sparse values"))?.chunks(size)) {
+        for (target, value) in
+            targets.iter().zip(values.ok_or_else(|| broken("has broken sparse values"))?.chunks(size))
+        {
             let place = bytes.get_mut(target * size..(target + 1) * size);
             place.ok_or_else(|| broken("has sparse indices out of range"))?.copy_from_slice(value);
         }

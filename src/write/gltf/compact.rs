@@ -79,7 +79,9 @@ fn fill(
     // What can't be removed without renumbering at least holds no data.
     let len = items.len();
     for place in rest.into_iter().filter(|place| *place < len) {
-        if list == "accessors" && let Some(item) = items[place].as_object_mut() {
+        if list == "accessors"
+            && let Some(item) = items[place].as_object_mut()
+        {
             item.retain(|key, _| matches!(key.as_str(), "componentType" | "type" | "count" | "min" | "max"));
         }
     }
@@ -145,7 +147,10 @@ fn unknown_numbers(value: &Value, inside: bool, numbers: &mut BTreeSet<usize>) {
                 match value.as_object().filter(|_| !inside && key == "extensions") {
                     Some(extensions) => {
                         let known = |name: &str| KNOWN.contains(&name) || name.starts_with("KHR_materials_");
-                        extensions.iter().filter(|(name, _)| !known(name)).for_each(|(_, v)| unknown_numbers(v, true, numbers));
+                        extensions
+                            .iter()
+                            .filter(|(name, _)| !known(name))
+                            .for_each(|(_, v)| unknown_numbers(v, true, numbers));
                     }
                     None => unknown_numbers(value, inside, numbers),
                 }

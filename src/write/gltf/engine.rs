@@ -1,9 +1,9 @@
 //! The engine profile of a glTF source: lightmap UVs for each mesh, a rectangle for each node, all else as it was.
 
 use super::accessor::Elements;
-use super::document::Document;
+use super::document::{Document, Object, index};
 use super::primitive::{Group, material_indices, primitive_json, set_attribute, split_mesh, triangles_by_part};
-use super::{extras, nodes};
+use super::{extras, instances, nodes};
 use crate::error::{Result, Warnings};
 use crate::scene::Mesh;
 use crate::write::Baked;
@@ -17,10 +17,10 @@ use std::collections::BTreeMap;
 pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Result<()> {
     // A node's mesh, and the scene mesh that was loaded from it, to its surfaces. Meshes that were loaded more than once
     // (in different poses) become as many.
-    let mut uses: BTreeMap<(usize, usize), Vec<(usize, usize)>> = BTreeMap::new();
-    for (surface, node) in nodes(baked.scene, warnings) {
+    let mut uses: BTreeMap<(usize, usize), Vec<(Vec<usize>, usize)>> = BTreeMap::new();
+    for (node, surfaces) in nodes(baked.scene) {
         if let Some(mesh) = extras::mesh_of(doc, node)? {
-            uses.entry((mesh, baked.scene.surfaces[surface].mesh)).or_default().push((surface, node));
+            uses.entry((mesh, baked.scene.surfaces[surfaces[0]].mesh)).or_default().push((surfaces, node));
         }
     }
     let mut last = None;
@@ -34,9 +34,13 @@ pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Resu
             mesh
         };
         let tex_coord = write_mesh(doc, baked, target, scene_mesh, warnings)?;
-        for (surface, node) in placed {
+        for (surfaces, node) in placed {
             doc.item_mut("nodes", node)?.insert("mesh".into(), target.into());
-            extras::write_placement(doc, node, &baked.atlas.placements[surface], tex_coord)?;
+            if instances::are_in(doc, node)? {
+                instances::write_placements(doc, node, baked, &surfaces, tex_coord)?;
+            } else {
+                extras::write_placement(doc, node, &baked.atlas.placements[surfaces[0]], tex_coord)?;
+            }
         }
     }
     Ok(())
@@ -60,6 +64,10 @@ fn write_mesh(
         let message = format!("TEXCOORD_1 is used by a texture; the lightmap UVs are TEXCOORD_{set}");
         warnings.add(&loaded.name, message);
     }
+    let name = format!("TEXCOORD_{set}");
+    if loaded.uv_set(&name).is_some() {
+        warnings.add(&loaded.name, format!("{name}, which no texture reads, was replaced by the lightmap UVs"));
+    }
     let corners: Vec<[[f32; 2]; 3]> = uvs.corners.iter().map(|c| c.map(|uv| uv.to_array())).collect();
     for group in split_mesh(doc, mesh, loaded, &corners)? {
         write_uvs(doc, mesh, &group, set)?;
@@ -67,16 +75,19 @@ fn write_mesh(
     Ok(set)
 }
 
-/// Sets `TEXCOORD_<set>` of a group, and the sets below it that are missing: they must be numbered without a gap.
+/// Sets `TEXCOORD_<set>` of a group. Sets must be numbered without a gap, so it stands in for those below that are missing
+/// (or in which an earlier bake's did).
 fn write_uvs(doc: &mut Document, mesh: usize, group: &Group<2>, set: usize) -> Result<()> {
     let accessor = Elements::floats(group.values.iter().copied()).push(doc);
     for part in &group.parts {
-        for n in 0..=set {
-            let name = format!("TEXCOORD_{n}");
-            let there = primitive_json(doc, mesh, part.primitive)?.get("attributes").is_some_and(|a| a.get(&name).is_some());
-            if n == set || !there {
-                set_attribute(doc, mesh, part.primitive, &name, accessor)?;
-            }
+        let primitive = primitive_json(doc, mesh, part.primitive)?;
+        let current = |n: usize| primitive.get("attributes").and_then(|a| a.get(format!("TEXCOORD_{n}")));
+        let stands_in = |n: usize| match current(n) {
+            None => true,
+            there => there == current(set) && !is_read(doc, primitive, n),
+        };
+        for n in (0..set).filter(|n| stands_in(*n)).chain([set]).collect::<Vec<_>>() {
+            set_attribute(doc, mesh, part.primitive, &format!("TEXCOORD_{n}"), accessor)?;
         }
     }
     Ok(())
@@ -90,8 +101,7 @@ fn free_set(doc: &Document, mesh: usize, loaded: &Mesh) -> Result<usize> {
         for primitive in triangles_by_part(loaded).into_keys() {
             let primitive = primitive_json(doc, mesh, primitive)?;
             let there = primitive.get("attributes").is_some_and(|a| a.get(format!("TEXCOORD_{set}")).is_some());
-            let materials = material_indices(primitive).into_iter().filter_map(|m| doc.root().get("materials")?.get(m));
-            taken |= there && materials.into_iter().any(|material| reads_set(material, set));
+            taken |= there && is_read(doc, primitive, set);
         }
         if !taken {
             return Ok(set);
@@ -100,16 +110,21 @@ fn free_set(doc: &Document, mesh: usize, loaded: &Mesh) -> Result<usize> {
     }
 }
 
-/// True where a texture of `material` is read through set `set`.
-fn reads_set(material: &Value, set: usize) -> bool {
-    match material {
-        Value::Object(object) => object.iter().any(|(key, value)| {
-            let own = key == "texCoord" && value.as_u64() == Some(set as u64);
-            own || (key != "extras" && reads_set(value, set))
-        }),
-        Value::Array(items) => items.iter().any(|v| reads_set(v, set)),
-        _ => false,
+/// True where a texture of a primitive's materials is read through set `set`.
+fn is_read(doc: &Document, primitive: &Object, set: usize) -> bool {
+    fn reads(value: &Value, set: usize) -> bool {
+        match value {
+            Value::Object(object) => {
+                // A textureInfo without a set means 0; a texture transform without one leaves it.
+                let own = index(object, "texCoord").or(object.contains_key("index").then_some(0));
+                own == Some(set) || object.iter().any(|(key, value)| key != "extras" && reads(value, set))
+            }
+            Value::Array(items) => items.iter().any(|v| reads(v, set)),
+            _ => false,
+        }
     }
+    let materials = doc.root().get("materials");
+    material_indices(primitive).into_iter().filter_map(|m| materials?.get(m)).any(|material| reads(material, set))
 }
 
 /// `1` of `TEXCOORD_1`.

@@ -9,8 +9,10 @@ mod document;
 mod engine;
 mod extras;
 mod import;
+mod instances;
 mod primitive;
 mod radiance;
+mod scene;
 mod split;
 mod viewer_colors;
 
@@ -19,7 +21,7 @@ use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::scene::{Scene, SurfaceOrigin};
 use crate::write::GltfProfile;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Writes the baked scene as a GLB to `path`; URIs in it are relative to `baked.folder`.
@@ -48,21 +50,24 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
             before.compact(&mut doc);
             doc
         }
-        Source::Usd(_) => return Err(Error::unsupported(path.display(), "not built yet")),
+        Source::Usd(_) => {
+            let colors = (profile == GltfProfile::Vertex).then(|| radiance::surface_lights(baked));
+            let lights = colors.as_ref().map(|(lights, _)| lights.as_slice());
+            let mut doc = scene::build(baked, lights, &mut warnings)?;
+            extras::write_asset(&mut doc, baked, colors.as_ref().map(|(_, scale)| *scale));
+            doc
+        }
     };
     std::fs::write(path, doc.to_glb()?).map_err(|e| Error::io(path, e))?;
     Ok(warnings)
 }
 
-/// The surfaces of a glTF scene and their nodes. A node stands for one surface; further ones (instances) are named in a
-/// warning.
-fn nodes(scene: &Scene, warnings: &mut Warnings) -> Vec<(usize, usize)> {
-    let mut seen = BTreeSet::new();
-    let mut nodes = Vec::new();
+/// The nodes of a glTF scene and their surfaces in order: one, or many where the node draws instances.
+fn nodes(scene: &Scene) -> BTreeMap<usize, Vec<usize>> {
+    let mut nodes: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, surface) in scene.surfaces.iter().enumerate() {
-        match surface.origin {
-            SurfaceOrigin::GltfNode(node) if seen.insert(node) => nodes.push((i, node)),
-            _ => warnings.add(&surface.name, "is not a node of its own in the source; the GLB doesn't say where its light is"),
+        if let SurfaceOrigin::GltfNode(node) = surface.origin {
+            nodes.entry(node).or_default().push(i);
         }
     }
     nodes

@@ -45,8 +45,11 @@ pub fn split_mesh<const N: usize>(
     for (primitive, triangles) in triangles_by_part(scene_mesh) {
         let json = primitive_json(doc, mesh, primitive)?;
         // What primitives must have in common to share vertices.
-        let key: Object =
-            json.iter().filter(|(k, _)| *k == "attributes" || *k == "targets").map(|(k, v)| (k.clone(), v.clone())).collect();
+        let key: Object = json
+            .iter()
+            .filter(|(k, _)| *k == "attributes" || *k == "targets")
+            .map(|(k, v)| (k.clone(), v.clone()))
+            .collect();
         let faces = faces(doc, json)?;
         let place = format!("{}: meshes[{mesh}].primitives[{primitive}]", doc.place);
         let mut part = Part { primitive, scene_triangles: vec![None; faces.len()], triangles: faces };
@@ -55,7 +58,8 @@ pub fn split_mesh<const N: usize>(
             let origin = scene_mesh.origin[t];
             let face = part.triangles.get(origin.face as usize);
             let value = face.and_then(|face| by_vertex(face, &origin.corners, &corners[t]));
-            let value = value.ok_or_else(|| Error::invalid(&place, "doesn't hold the triangles that were loaded from it"))?;
+            let value =
+                value.ok_or_else(|| Error::invalid(&place, "doesn't hold the triangles that were loaded from it"))?;
             values[origin.face as usize] = Some(value);
             part.scene_triangles[origin.face as usize] = Some(t);
         }
@@ -80,7 +84,10 @@ fn split_group<const N: usize>(
     let (parts, values): (Vec<Part>, Vec<_>) = parts.into_iter().unzip();
     let triangles: Vec<[u32; 3]> = parts.iter().flat_map(|p| p.triangles.iter().copied()).collect();
     if triangles.iter().flatten().any(|v| *v as usize >= count) {
-        return Err(Error::invalid(&doc.place, format!("meshes[{mesh}] has indices out of range; export the file again")));
+        return Err(Error::invalid(
+            &doc.place,
+            format!("meshes[{mesh}] has indices out of range; export the file again"),
+        ));
     }
     let split = split(count, &triangles, &values.concat());
     let mut rest = split.triangles.as_slice();
@@ -93,9 +100,10 @@ fn split_group<const N: usize>(
     if split.changed {
         let mut vertices = Vertices { doc, sources: &split.sources, copies: BTreeMap::new() };
         let attributes = vertices.copy_all(key.get("attributes").unwrap_or(&Value::Null))?;
-        let targets = key.get("targets").and_then(Value::as_array).map(|targets| {
-            targets.iter().map(|t| vertices.copy_all(t)).collect::<Result<Vec<_>>>()
-        });
+        let targets = key
+            .get("targets")
+            .and_then(Value::as_array)
+            .map(|targets| targets.iter().map(|t| vertices.copy_all(t)).collect::<Result<Vec<_>>>());
         let targets = targets.transpose()?;
         for part in &group.parts {
             let indices = accessor::push_triangles(doc, &part.triangles, group.values.len());
@@ -126,7 +134,8 @@ impl Vertices<'_> {
         let attributes = attributes.as_object().cloned().unwrap_or_default();
         let copied = attributes.into_iter().map(|(name, value)| {
             let accessor = value.as_u64().and_then(|a| usize::try_from(a).ok());
-            let accessor = accessor.ok_or_else(|| Error::invalid(&self.doc.place, format!("{name} names no accessor")))?;
+            let accessor =
+                accessor.ok_or_else(|| Error::invalid(&self.doc.place, format!("{name} names no accessor")))?;
             Ok((name, Value::from(self.copy(accessor)?)))
         });
         Ok(Value::Object(copied.collect::<Result<_>>()?))

@@ -58,13 +58,15 @@ fn surface_light(baked: &Baked, surface: usize) -> (SurfaceLight, Vec<bool>) {
     for (t, values) in baked.corners.iter().flat_map(|c| &c.surfaces[surface]).enumerate() {
         let material = &scene.materials[mesh.triangle_material[t] as usize];
         let at = |slot: &Option<TextureSlot>, weights: [f32; 3]| texture_value(scene, mesh, t, slot.as_ref(), weights);
-        let vertex_color = |k: usize| mesh.colors.get(mesh.triangles[t][k] as usize).copied().unwrap_or(glam::Vec4::ONE);
+        let vertex_color =
+            |k: usize| mesh.colors.get(mesh.triangles[t][k] as usize).copied().unwrap_or(glam::Vec4::ONE);
         let emission = |weights| material.emission * at(&material.emission_texture, weights);
         let albedo = |k: usize| material.albedo * at(&material.albedo_texture, CORNERS[k]) * vertex_color(k).truncate();
         // E / pi at a corner, where the lightmap holds light that arrives.
         let incoming = |k: usize| if quantity == Quantity::Irradiance { values[k] / PI } else { values[k] };
         let own = INSIDE.iter().map(|w| luminance(emission(*w))).fold(0.0, f32::max);
-        let reflected = |k: usize| if quantity == Quantity::Radiosity { values[k] / PI } else { albedo(k) * incoming(k) };
+        let reflected =
+            |k: usize| if quantity == Quantity::Radiosity { values[k] / PI } else { albedo(k) * incoming(k) };
         let shines = material.is_emissive()
             && own > EMISSION_SHARE * (own + (0..3).map(|k| luminance(reflected(k))).fold(0.0, f32::max));
         let whole = shines || quantity == Quantity::Radiosity;

@@ -4,7 +4,7 @@ use super::accessor::{Elements, push_triangles};
 use super::document::{Document, Object, index};
 use super::primitive::{Group, material_indices, primitive_json, primitive_json_mut, set_group_attribute, split_mesh};
 use super::radiance::{CornerValue, SurfaceLight};
-use super::{extras, nodes};
+use super::{extras, instances, nodes};
 use crate::error::{Result, Warnings};
 use crate::write::Baked;
 use serde_json::{Value, json};
@@ -18,7 +18,8 @@ pub const UNLIT: &str = "KHR_materials_unlit";
 /// # Errors
 /// `Invalid` where the document is broken, `Unsupported` where a mesh is compressed.
 pub fn write(doc: &mut Document, baked: &Baked, lights: &[SurfaceLight], warnings: &mut Warnings) -> Result<()> {
-    let nodes = nodes(baked.scene, warnings);
+    let nodes: Vec<(usize, usize)> =
+        nodes(baked.scene).into_iter().map(|(node, surfaces)| (surfaces[0], node)).collect();
     let mut users: BTreeMap<usize, usize> = BTreeMap::new();
     for node in 0..doc.count("nodes") {
         if let Some(mesh) = extras::mesh_of(doc, node)? {
@@ -33,6 +34,10 @@ pub fn write(doc: &mut Document, baked: &Baked, lights: &[SurfaceLight], warning
     let mut whites = BTreeMap::new();
     for (surface, node) in nodes {
         let Some(mesh) = extras::mesh_of(doc, node)? else { continue };
+        if instances::are_in(doc, node)? {
+            let message = "GPU instances share their vertices; all of them show the light of the first one";
+            warnings.add(&baked.scene.surfaces[surface].name, message);
+        }
         let first = !originals.contains_key(&mesh) && users.get(&mesh) == Some(&0);
         let original = Value::Object(doc.item("meshes", mesh)?.clone());
         let original = originals.entry(mesh).or_insert(original).clone();
@@ -43,8 +48,10 @@ pub fn write(doc: &mut Document, baked: &Baked, lights: &[SurfaceLight], warning
         for group in split_mesh(doc, target, scene_mesh, &light.corners)? {
             write_colors(doc, target, &group)?;
             for part in &group.parts {
-                let whole: Vec<bool> =
-                    part.scene_triangles.iter().map(|t| t.is_some_and(|t| light.whole[t])).collect();
+                // Triangles that the loader left out can't be seen; they go where no primitive has to be cut for them.
+                let all = part.scene_triangles.iter().flatten().all(|t| light.whole[*t]);
+                let whole = |t: &Option<usize>| t.map_or(all, |t| light.whole[t]);
+                let whole: Vec<bool> = part.scene_triangles.iter().map(whole).collect();
                 write_materials(doc, target, part.primitive, &part.triangles, &whole, group.values.len(), &mut whites)?;
             }
         }
@@ -165,6 +172,8 @@ fn make_unlit(material: &mut Object) {
     }
     let extensions = material.entry("extensions").or_insert_with(|| json!({}));
     if let Some(extensions) = extensions.as_object_mut() {
+        // It must not stand beside the unlit one.
+        extensions.shift_remove("KHR_materials_pbrSpecularGlossiness");
         extensions.entry(UNLIT).or_insert_with(|| json!({}));
     }
 }

@@ -115,7 +115,8 @@ impl Input {
         Some(self.prim(path)?.prototype().ok()??.as_str().to_string())
     }
 
-    /// The instances of a prototype in the order of their paths; nested ones lie below another prototype.
+    /// The instances of a prototype in the order of their paths; nested ones lie below another prototype. One in a class is
+    /// an instance too, and needs the opinions of the others to share their prototype.
     pub fn instances(&self, prototype: &str) -> Vec<String> {
         let paths = self.stage.prim(prototype).ok().and_then(|p| p.instances().ok()).unwrap_or_default();
         paths.iter().map(|p| p.as_str().to_string()).collect::<BTreeSet<_>>().into_iter().collect()

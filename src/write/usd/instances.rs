@@ -85,14 +85,10 @@ impl Instances {
         site
     }
 
-    /// A name for each gprim of the class of the instance at `root`, by its relative path, unique in the class; `None` where
-    /// the class has one gprim only.
-    pub fn suffixes(&self, root: &str) -> Option<BTreeMap<&str, String>> {
-        let class = &self.classes[*self.of_root.get(root)?];
-        if class.meshes.len() < 2 {
-            return None;
-        }
-        Some(unique_names(class.meshes.keys().map(String::as_str)))
+    /// True where the instances that share the class of the one at `root` hold several gprims, so that each has to have a
+    /// rectangle by a name of its own.
+    pub fn holds_several(&self, root: &str) -> bool {
+        self.of_root.get(root).is_some_and(|&class| self.classes[class].meshes.len() > 1)
     }
 
     fn first_of(&self, prototype: &str) -> Option<usize> {
@@ -141,31 +137,5 @@ impl Instances {
                 layer.prim(&format!("/{}/{inner}", c.name)).inherit(&inherited);
             }
         }
-    }
-}
-
-/// A name that is valid within a primvar's for each prim path: its elements joined by `_`, numbered where that is taken.
-pub fn unique_names<'a>(paths: impl Iterator<Item = &'a str>) -> BTreeMap<&'a str, String> {
-    let mut taken = HashSet::new();
-    let mut names = BTreeMap::new();
-    for path in paths {
-        let base = path.trim_start_matches('/').replace('/', "_");
-        let mut candidates = std::iter::once(base.clone()).chain((2..).map(|i| format!("{base}_{i}")));
-        let name = candidates.find(|n| !taken.contains(n)).unwrap_or(base);
-        taken.insert(name.clone());
-        names.insert(path, name);
-    }
-    names
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_of_prims_are_unique() {
-        let names = unique_names(["Geom/Body_1", "Geom_Body/1", "Geom/Body/1"].into_iter());
-        let names: HashSet<&str> = names.values().map(String::as_str).collect();
-        assert_eq!(names, HashSet::from(["Geom_Body_1", "Geom_Body_1_2", "Geom_Body_1_3"]));
     }
 }

@@ -4,11 +4,11 @@
 //! layer we repeat what the input has.
 
 use super::layer::{self, Layer};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Warnings};
 use crate::write::Baked;
 use openusd::sdf::{self, AbstractData, AssetPath, Value};
 use openusd::usda::TextWriter;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Component, Path, PathBuf};
 
 /// Fields of a root layer that either compose through sublayers or are about that layer alone.
@@ -26,37 +26,61 @@ const NOT_COPIED: [&str; 11] = [
     "sessionOwner",
 ];
 
-/// Writes the sublayer, the metadata of the `input`'s root layer and `customLayerData.lumel` into `layer`. `anchor` is what
-/// relative asset paths in the input are relative to: its folder, or for a package `file.usdz[`, as seen from the output
-/// folder.
+/// Writes the sublayer, the metadata of the `input`'s root layer and `customLayerData.lumel` into `layer`. Relative asset paths
+/// in them lead on to the same files, by way of `sublayer`: the input's path as seen from the output folder.
 ///
 /// # Errors
-/// `Invalid` where a value can't be read, `Unsupported` where it can't be written.
-pub fn copy(layer: &mut Layer, input: &dyn AbstractData, sublayer: &str, baked: &Baked) -> Result<()> {
+/// `Unsupported` where a file's name can't be written as an asset path.
+pub fn copy(
+    layer: &mut Layer,
+    input: &dyn AbstractData,
+    sublayer: &str,
+    baked: &Baked,
+    warnings: &mut Warnings,
+) -> Result<()> {
     let root = sdf::Path::abs_root();
-    let field = |name: &str| -> Result<Option<Value>> {
-        let value = input.try_field(&root, name).map_err(|e| Error::invalid(sublayer, e))?;
-        Ok(value.map(|v| anchored(v.into_owned(), sublayer)))
-    };
-    let text = |value: &Value| TextWriter::value_to_string(value).map_err(|e| Error::unsupported(sublayer, e));
-
-    let mut custom = match field("customLayerData")? {
-        Some(Value::Dictionary(dictionary)) => dictionary,
+    let field = |name: &str| Some(anchored(input.try_field(&root, name).ok()??.into_owned(), sublayer));
+    let mut custom = match field("customLayerData") {
+        Some(Value::Dictionary(entries)) => entries,
         _ => HashMap::new(),
     };
     custom.insert("lumel".into(), Value::Dictionary(bake_data(baked)?));
-    layer.metadata.push(("customLayerData".into(), text(&Value::Dictionary(custom))?));
-
+    let mut values = vec![("customLayerData".to_string(), Some(Value::Dictionary(custom)))];
     let mut names = input.list_fields(&root).unwrap_or_default();
-    names.retain(|n| !NOT_COPIED.contains(&n.as_str()) && n.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_'));
+    names.retain(|n| !NOT_COPIED.contains(&n.as_str()) && sdf::Path::is_valid_identifier(n));
     names.sort();
-    for name in names {
-        if let Some(value) = field(&name)? {
-            layer.metadata.push((name, text(&value)?));
+    values.extend(names.into_iter().map(|n| (n.clone(), field(&n))));
+    for (name, value) in values {
+        match value.and_then(|v| text(&v, &name, 1, warnings)) {
+            Some(text) => layer.metadata.push((name, text)),
+            None => warnings.add(name, NOT_WRITTEN),
         }
     }
     layer.metadata.push(("subLayers".into(), format!("[{}]", layer::asset(sublayer)?)));
     Ok(())
+}
+
+const NOT_WRITTEN: &str = "is metadata of the input that could not be repeated in the layer";
+
+/// A value as usda text; `None` where it has none. `name` is its place, `depth` its indentation.
+///
+/// Dictionaries are written here, since the USD crate leaves a key such as `a:b` bare, which usd-core refuses.
+fn text(value: &Value, name: &str, depth: usize, warnings: &mut Warnings) -> Option<String> {
+    let Value::Dictionary(entries) = value else { return TextWriter::value_to_string(value).ok() };
+    let indent = "    ".repeat(depth);
+    let mut lines = String::from("{\n");
+    for (key, value) in entries.iter().collect::<BTreeMap<_, _>>() {
+        let kind = match value {
+            Value::Dictionary(_) => Some("dictionary".to_string()),
+            value => sdf::ValueKind::from(value).type_name().map(|t| t.as_str().to_string()),
+        };
+        let place = format!("{name}:{key}");
+        match kind.zip(text(value, &place, depth + 1, warnings)) {
+            Some((kind, value)) => lines += &format!("{indent}    {kind} {} = {value}\n", layer::quoted(key)),
+            None => warnings.add(place, NOT_WRITTEN),
+        }
+    }
+    Some(lines + &indent + "}")
 }
 
 /// The contents of `customLayerData.lumel`.

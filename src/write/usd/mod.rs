@@ -12,14 +12,16 @@
 //! | `color3f[] primvars:lumel:irradiance` | that quantity at points or corners, not clamped |
 //! | `color3f[] primvars:displayColor` | the same, where the look of the prim doesn't depend on its displayColor |
 //!
-//! Below a native instance the shared opinions (UVs, names, quantity) stand on a class that the instances inherit. Rectangle, page and
-//! quantity stand on the instance's prim: `primvars:lumel:scaleOffset` and `lumel:lightmap`, which the gprim inherits as any
-//! constant primvar. Where one instance holds several gprims, each has `primvars:lumel:scaleOffset:<prim>` and
-//! `lumel:lightmap:<prim>` in place of them, `<prim>` being its path below the instance with `_` for `/`, and names it in its
-//! own `token lumel:rectangle`. A point instancer has arrays `float4[] primvars:lumel:scaleOffset` and `int[]
-//! primvars:lumel:page`, one item an instance (-1 for no page), suffixed in the same way where a prototype holds several
-//! gprims, and `asset[] lumel:lightmaps`, the pages by that index. Baked colours differ between instances that share their
-//! primvars, so they are left out there.
+//! Below a native instance the shared opinions (UVs, their name, quantity) stand on a class that the instances inherit.
+//! Rectangle, page and quantity stand on the outermost instance's prim: `primvars:lumel:scaleOffset`, which the gprim inherits
+//! as any constant primvar, and `lumel:lightmap`. Where an instance holds several gprims, the names end in the gprim's path
+//! below it, with `:` for `/`: `primvars:lumel:scaleOffset:Geom:Back`, `lumel:lightmap:Geom:Back`.
+//!
+//! A point instancer has arrays with one item for each of its instances, `float4[] primvars:lumel:scaleOffset` and `int[]
+//! primvars:lumel:page` (-1 for none), and `asset[] lumel:lightmaps`, the pages by that number. Where a prototype holds several
+//! gprims, the arrays' names end in the gprim's whole path in the same way. The UVs are on the prototypes.
+//!
+//! Baked colours differ between instances that share their primvars, so they are left out there.
 
 mod input;
 mod instances;
@@ -66,7 +68,7 @@ fn write_layer(path: &Path, source: &Path, baked: &Baked) -> Result<Warnings> {
     let mut input = Input::open(source)?;
     let mut layer = Layer::default();
     let sublayer = metadata::relative(source, baked.folder)?;
-    metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked)?;
+    metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked, &mut warnings)?;
     let mut instances = surfaces::author(baked, &mut input, &mut layer, &mut warnings)?;
     mark_lights(baked, &mut input, &mut instances, &mut layer, &mut warnings);
 

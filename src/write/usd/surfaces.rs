@@ -1,7 +1,7 @@
 //! Opinions on the lightmapped gprims, on the instances that hold them, and on point instancers.
 
 use super::input::Input;
-use super::instances::{InstanceSurfaces, Instances, unique_names};
+use super::instances::{InstanceSurfaces, Instances};
 use super::layer::{self, Attribute, Layer, array, quoted, tuple};
 use super::metadata::page_path;
 use super::primvars;
@@ -90,6 +90,11 @@ fn free_uv_name(baked: &Baked, input: &Input, warnings: &mut Warnings) -> String
     name
 }
 
+/// What sets the names of a gprim's rectangle and page apart where several stand on one prim: its path with `:` for `/`.
+fn suffix(prim: &str) -> String {
+    format!(":{}", prim.trim_start_matches('/').replace('/', ":"))
+}
+
 impl Author<'_, '_> {
     /// A gprim that takes opinions of its own.
     fn gprim(&mut self, path: &str, surface: usize) -> Result<()> {
@@ -105,19 +110,15 @@ impl Author<'_, '_> {
 
     /// A native instance with the surfaces below it.
     fn instance(&mut self, root: &str, surfaces: &InstanceSurfaces) -> Result<()> {
-        let suffixes: Option<BTreeMap<String, String>> = self
-            .instances
-            .suffixes(root)
-            .map(|names| names.into_iter().map(|(prim, name)| (prim.to_string(), name)).collect());
+        let several = self.instances.holds_several(root);
         for (prim, &(surface, mesh)) in surfaces {
             let path = format!("{root}/{prim}");
             if !self.uvs(&path, mesh) {
                 continue;
             }
             self.warnings.add(&path, SHARED);
-            let suffix = suffixes.as_ref().and_then(|names| names.get(prim));
-            self.name_rectangle(&path, suffix);
-            for attribute in self.rectangle(surface, &suffix.map(|s| format!(":{s}")).unwrap_or_default())? {
+            let suffix = if several { suffix(prim) } else { String::new() };
+            for attribute in self.rectangle(surface, &suffix)? {
                 self.layer.prim(root).set(attribute);
             }
         }
@@ -157,11 +158,7 @@ impl Author<'_, '_> {
             return Ok(());
         }
         let groups: Vec<(String, Vec<(usize, usize)>)> = if shares_an_index {
-            let names = unique_names(placed.keys().copied());
-            for (&prim, name) in &names {
-                self.name_rectangle(prim, Some(name));
-            }
-            placed.iter().map(|(prim, items)| (format!(":{}", names[prim]), items.clone())).collect()
+            placed.into_iter().map(|(prim, items)| (suffix(prim), items)).collect()
         } else {
             vec![(String::new(), placed.into_values().flatten().collect())]
         };
@@ -235,14 +232,6 @@ impl Author<'_, '_> {
         prim.set(quantity);
         self.sites.insert(site, mesh);
         true
-    }
-
-    /// Where rectangles have suffixed names, lets the gprim at `path` name its own.
-    fn name_rectangle(&mut self, path: &str, suffix: Option<&String>) {
-        if let Some(suffix) = suffix {
-            let site = self.instances.site(path, self.input, self.layer);
-            self.layer.prim(&site).set(Attribute::custom("token", "lumel:rectangle", quoted(suffix)));
-        }
     }
 
     /// Rectangle, page and quantity of a surface.

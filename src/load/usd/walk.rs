@@ -1,0 +1,272 @@
+//! The walk over the composed stage: what is inherited down the namespace, and which prims make surfaces and lights.
+
+use super::binding::{self, Collections, Level};
+use super::material::Materials;
+use super::surface::MeshKey;
+use super::{light, read, xform};
+use crate::error::Warnings;
+use crate::scene::{Scene, Surface, SurfaceOrigin};
+use glam::{Affine3A, DMat4, Vec3};
+use openusd::sdf::{Path, Specifier};
+use openusd::tf::Token;
+use openusd::usd::{Prim, Stage};
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::rc::Rc;
+
+/// Prims deeper than this are left out: each level takes stack, and composition time grows with the cube of the depth.
+const MAX_DEPTH: usize = 500;
+
+/// Surfaces beyond this many are left out: nested point instancers multiply.
+pub const MAX_SURFACES: usize = 4_000_000;
+
+/// What a prim inherits.
+#[derive(Clone)]
+pub struct State {
+    /// Metres, Y up, from the parent's space; for what lies in a point instancer's prototype, the prototype's root space.
+    pub world: DMat4,
+    purpose: Purpose,
+    pub bindings: Option<Rc<Level>>,
+    /// The closest constant displayColor above.
+    pub color: Option<Vec3>,
+    /// The outermost native instance above, as a path.
+    pub instance: Option<Rc<str>>,
+    depth: usize,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Purpose {
+    Drawn,
+    Skipped,
+}
+
+/// A surface in the making; its transform stays in double precision until the end.
+#[derive(Clone)]
+pub struct Placed {
+    pub name: String,
+    /// The gprim's own path.
+    pub prim: String,
+    pub mesh: usize,
+    pub world: DMat4,
+    pub origin: SurfaceOrigin,
+}
+
+pub struct Walk {
+    pub stage: Stage,
+    pub scene: Scene,
+    pub warnings: Warnings,
+    pub materials: Materials,
+    pub surfaces: Vec<Placed>,
+    /// The instancers that are being expanded, outermost first.
+    pub expanding: Vec<Path>,
+    pub collections: Collections,
+    /// The meshes that were built, by what they were built from.
+    pub meshes: HashMap<MeshKey, usize>,
+    /// Metres, Y up, from the stage's space.
+    pub metres: DMat4,
+    pub metres_per_unit: f64,
+    pub z_up: bool,
+}
+
+/// What the walk found.
+pub struct Output {
+    pub scene: Scene,
+    pub warnings: Warnings,
+    /// Texture files that were read.
+    pub textures: Vec<PathBuf>,
+}
+
+impl Walk {
+    pub fn new(stage: Stage) -> Self {
+        let mut warnings = Warnings::default();
+        let metadata = |field: &str| stage.stage_metadata(field).ok().flatten();
+        let authored = metadata("metersPerUnit").and_then(read::to_float).map_or(0.01, f64::from);
+        let metres_per_unit = if authored.is_finite() && authored > 0.0 {
+            authored
+        } else {
+            warnings.add("metersPerUnit", "is no positive number; 0.01 is used");
+            0.01
+        };
+        let z_up = metadata("upAxis").and_then(read::to_text).is_some_and(|axis| axis == "Z");
+        Self {
+            metres: xform::metres_from_stage(metres_per_unit, z_up),
+            stage,
+            scene: Scene::default(),
+            warnings,
+            materials: Materials::default(),
+            surfaces: Vec::new(),
+            expanding: Vec::new(),
+            collections: Collections::default(),
+            meshes: HashMap::new(),
+            metres_per_unit,
+            z_up,
+        }
+    }
+
+    /// Walks the whole stage.
+    pub fn run(&mut self) {
+        let state = State {
+            world: self.metres,
+            purpose: Purpose::Drawn,
+            bindings: None,
+            color: None,
+            instance: None,
+            depth: 0,
+        };
+        if let Ok(root) = self.stage.prim(Path::abs_root()) {
+            self.visit_children(&root, &state);
+        }
+    }
+
+    /// The scene, its surfaces resolved to single precision.
+    pub fn finish(self) -> Output {
+        let mut scene = self.scene;
+        scene.surfaces = self
+            .surfaces
+            .into_iter()
+            .map(|placed| Surface {
+                name: placed.name,
+                mesh: placed.mesh,
+                world_from_local: Affine3A::from_mat4(placed.world.as_mat4()),
+                origin: placed.origin,
+            })
+            .collect();
+        let (materials, textures, files) = self.materials.into_parts();
+        scene.materials = materials;
+        scene.textures = textures;
+        Output { scene, warnings: self.warnings, textures: files }
+    }
+
+    fn visit_children(&mut self, prim: &Prim, state: &State) {
+        match prim.children() {
+            Ok(children) => children.iter().for_each(|child| self.visit(child, state)),
+            Err(error) => self.warnings.add(prim.path(), format!("children could not be composed: {error}")),
+        }
+    }
+
+    /// Visits `prim` and what lies below it; `above` is its parent's state.
+    pub fn visit(&mut self, prim: &Prim, above: &State) {
+        if !matches!(prim.specifier(), Ok(Some(Specifier::Def))) || !prim.is_active().unwrap_or(false) {
+            return;
+        }
+        self.enter(prim, above);
+    }
+
+    /// Visits `prim` whatever its specifier says: a prototype may stand below an over or a class.
+    pub fn enter(&mut self, prim: &Prim, above: &State) {
+        if above.depth >= MAX_DEPTH {
+            self.warnings.add(prim.path(), format!("prims more than {MAX_DEPTH} levels deep were left out"));
+            return;
+        }
+        let names = prim.authored_property_names().unwrap_or_else(|error| {
+            self.warnings.add(prim.path(), format!("properties could not be composed: {error}"));
+            Vec::new()
+        });
+        let Some(state) = self.state(prim, &names, above) else { return };
+        let kind = prim.type_name().ok().flatten();
+        let below = match kind.as_ref().map_or("", |t| t.as_str()) {
+            "Material" | "Shader" | "NodeGraph" | "GeomSubset" => false,
+            "PointInstancer" => {
+                if state.purpose == Purpose::Drawn {
+                    self.expand(prim, &state);
+                }
+                false
+            }
+            kind => {
+                if state.purpose == Purpose::Drawn {
+                    self.draw(prim, kind, &names, &state);
+                }
+                true
+            }
+        };
+        if below {
+            self.visit_children(prim, &state);
+        }
+    }
+
+    /// What `prim` hands down, its own transform, purpose and bindings included; `None` where it is invisible.
+    fn state(&mut self, prim: &Prim, names: &[Token], above: &State) -> Option<State> {
+        let has = |name: &str| names.iter().any(|n| n.as_str() == name);
+        let mut state = State { depth: above.depth + 1, ..above.clone() };
+        let w = &mut self.warnings;
+        if has("visibility") && read::token(prim, "visibility", w).as_deref() == Some("invisible") {
+            return None;
+        }
+        if has("purpose") {
+            state.purpose = match read::token(prim, "purpose", w).as_deref() {
+                Some("proxy" | "guide") => Purpose::Skipped,
+                _ => Purpose::Drawn,
+            };
+        }
+        if has("xformOpOrder") {
+            let local = xform::local_xform(prim, w);
+            // Below a point instancer there is no stage space to reset to but the prototype's.
+            let base = match (local.resets, self.expanding.is_empty()) {
+                (false, _) => above.world,
+                (true, true) => self.metres,
+                (true, false) => DMat4::IDENTITY,
+            };
+            state.world = base * local.parent_from_local;
+        }
+        state.bindings = binding::level(prim, names, &above.bindings, w);
+        if has("primvars:displayColor")
+            && let Some(color) = constant_color(prim, w)
+        {
+            state.color = Some(color);
+        }
+        if state.instance.is_none() && prim.is_instance().unwrap_or(false) {
+            state.instance = Some(prim.path().as_str().into());
+        }
+        Some(state)
+    }
+
+    /// Makes what `prim` itself shows.
+    fn draw(&mut self, prim: &Prim, kind: &str, names: &[Token], state: &State) {
+        let unsupported = |w: &mut Warnings, what: &str| {
+            w.add(prim.path(), format!("{what} are not supported yet and were left out"));
+        };
+        match kind {
+            "" | "Xform" | "Scope" | "Camera" | "SkelRoot" | "Skeleton" | "SkelAnimation" | "BlendShape" => {}
+            // Known families that show nothing.
+            kind if ["Render", "Physics"].iter().any(|family| kind.starts_with(family)) => {}
+            "Mesh" => {
+                if names.iter().any(|n| n.as_str() == "primvars:skel:jointIndices" || n.as_str() == "skel:skeleton") {
+                    self.warnings.add(prim.path(), "a skinned mesh is taken in its rest pose");
+                }
+                if prim.has_api_schema("LightAPI").unwrap_or(false) {
+                    let what = "its LightAPI is not supported yet; it shines by its material's emission alone";
+                    self.warnings.add(prim.path(), what);
+                }
+                self.place_mesh(prim, state);
+            }
+            "Cube" | "Sphere" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1" => {
+                unsupported(&mut self.warnings, &format!("implicit shapes ({kind})"));
+            }
+            _ if light::is_light(kind) => {
+                if self.expanding.is_empty() {
+                    light::read_light(self, prim, kind, state);
+                } else {
+                    self.warnings.add(prim.path(), "a light below a point instancer was left out");
+                }
+            }
+            "LightFilter" => unsupported(&mut self.warnings, "light filters"),
+            _ if prim.is_a("Gprim").unwrap_or(false) || prim.is_a("Boundable").unwrap_or(false) => {
+                unsupported(&mut self.warnings, &format!("{kind} prims"));
+            }
+            _ if matches!(prim.schema_type(), Ok(None)) => {
+                self.warnings.add(prim.path(), format!("prims of the unknown type {kind} were left out"));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// The displayColor of `prim` where it is one colour.
+pub fn constant_color(prim: &Prim, warnings: &mut Warnings) -> Option<Vec3> {
+    let attribute = prim.attribute("primvars:displayColor");
+    let interpolation = attribute.get_metadata::<Token>("interpolation").ok().flatten();
+    if interpolation.is_some_and(|i| i.as_str() != "constant") {
+        return None;
+    }
+    read::attribute_value(&attribute, warnings).and_then(read::to_vec3s)?.first().copied()
+}
