@@ -49,7 +49,7 @@ def from_gltf(path) -> Camera | None:
 
 
 def candidates(low: np.ndarray, high: np.ndarray, fov: float) -> list[Camera]:
-    """Views from outside along the axes and the diagonals, and from inside the corners at standing height."""
+    """Views from outside along the axes and the diagonals, and from places inside, towards the middle and away from it."""
     centre, extent = (low + high) / 2, high - low
     out = []
     # Far enough that the facing side fills the height and the width of a 4:3 picture.
@@ -62,19 +62,22 @@ def candidates(low: np.ndarray, high: np.ndarray, fov: float) -> list[Camera]:
         else:
             size, away = np.linalg.norm(extent) * 0.8, 0.0
         out.append(Camera(centre + d * (away + 0.53 * size / np.tan(np.radians(fov) / 2)), centre, fov))
-    for x in (0.06, 0.94):
-        for z in (0.06, 0.94):
-            eye = low + extent * np.array([x, 0.6, z])
-            out.append(Camera(eye, low + extent * np.array([0.5, 0.35, 0.5]), max(fov, 65)))
+    grid = (0.06, 0.3, 0.7, 0.94)
+    for x in grid:
+        for z in grid:
+            eye = low + extent * np.array([x, 0.55, z])
+            for target in ([0.5, 0.4, 0.5], [2 * x - 0.5, 0.4, 2 * z - 0.5]):
+                out.append(Camera(eye, low + extent * np.array(target), max(fov, 65)))
     return out
 
 
-def chosen(low: np.ndarray, high: np.ndarray, fov: float, render: Callable[[Camera], np.ndarray]) -> Camera:
-    """The candidate whose picture (luminance, NaN: nothing hit) is the most varied: the entropy of its histogram times the
-    share of pixels that are lit; a view from outside is preferred a little."""
+def chosen(low: np.ndarray, high: np.ndarray, fov: float, render: Callable[[Camera], tuple[np.ndarray, int]]) -> Camera:
+    """The candidate whose picture is the most varied: the entropy of its histogram, times the share of pixels that are lit,
+    times the logarithm of the number of triangles seen; a view from outside is preferred a little. `render` gives the
+    luminance (NaN: nothing hit) and that number."""
 
     def score(camera: Camera) -> float:
-        y = render(camera)
+        y, seen = render(camera)
         hit = np.isfinite(y)
         lit = y[hit & (y > 0)]
         if len(lit) < 16:
@@ -83,6 +86,6 @@ def chosen(low: np.ndarray, high: np.ndarray, fov: float, render: Callable[[Came
         counts, _ = np.histogram(np.clip(lit / top, 0, 1) ** 0.45, bins=32, range=(0, 1))
         p = counts[counts > 0] / counts.sum()
         inside = (camera.eye > low).all() and (camera.eye < high).all()
-        return float(-(p * np.log(p)).sum() * len(lit) / y.size) * (0.8 if inside else 1.0)
+        return float(-(p * np.log(p)).sum() * len(lit) / y.size * np.log(1 + seen)) * (0.8 if inside else 1.0)
 
     return max(candidates(low, high, fov), key=score)

@@ -61,7 +61,11 @@ class Caster:
         shape = (height, width, samples * samples)
         return rgb.reshape(*shape, 3).mean(2), hit.reshape(shape).mean(2)
 
-    def luminance(self, camera: Camera, width: int = 64, height: int = 48) -> np.ndarray:
-        """A small picture for choosing a camera: luminance, NaN where nothing is hit."""
-        rgb, hit = self.picture(camera, width, height, 1)
-        return np.where(hit > 0, rgb @ LUMINANCE, np.nan)
+    def glance(self, camera: Camera, width: int = 64, height: int = 48) -> tuple[np.ndarray, int]:
+        """A small picture for choosing a camera: luminance, NaN where nothing is hit; and how many triangles are seen."""
+        origin, direction = camera.rays(width, height)
+        triangle, weights = self.closest(origin, direction)
+        hit = triangle >= 0
+        luminance = np.full(len(hit), np.nan)
+        luminance[hit] = radiance_at(self.triangles, triangle[hit], weights[hit]) @ LUMINANCE
+        return luminance, len(np.unique(triangle[hit]))
