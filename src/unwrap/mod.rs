@@ -16,6 +16,7 @@ pub mod mask;
 mod overlap;
 mod pack;
 mod shape;
+mod split;
 mod xatlas;
 
 use crate::error::{Result, Warnings};
