@@ -437,7 +437,7 @@ fn same_bits_for_any_thread_count() {
 // ---- real scenes ----
 
 /// Unwraps a scene of the shared folder and checks the atlas; the folder is absent outside the project.
-fn real_scene(path: &str, density: Density) {
+fn real_scene(path: &str, density: Density, uv: UvMode) {
     let folder = std::env::var_os("LUMEL_REFERENCE")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = folder.join(path);
@@ -448,12 +448,12 @@ fn real_scene(path: &str, density: Density) {
     let scene = lumel::load::load(&path).expect("loads").scene;
     let start = std::time::Instant::now();
     let mut p = params(density);
-    p.uv = UvMode::New;
+    p.uv = uv;
     let (atlas, warnings) = run(&scene, &p);
     let took = start.elapsed();
     let mut loose = atlas.clone();
     loose.density = 1e-3;
-    let figures = check(&scene, &loose, false);
+    let figures = check(&scene, &loose, uv == UvMode::Keep);
     let name = path.file_stem().expect("a file").to_string_lossy();
     println!(
         "{name}: {} triangles, {took:.2?}, {figures:?}, {:?}, {} texels/m, {warnings:?}",
@@ -466,22 +466,27 @@ fn real_scene(path: &str, density: Density) {
 
 #[test]
 fn reference_cornell_box() {
-    real_scene("reference/cornell_box/scene.glb", Density::FillPage(256));
+    real_scene("reference/cornell_box/scene.glb", Density::FillPage(256), UvMode::New);
 }
 
 #[test]
 fn reference_living_room() {
-    real_scene("reference/living_room/scene.glb", Density::TexelCount(1 << 18));
+    real_scene("reference/living_room/scene.glb", Density::TexelCount(1 << 18), UvMode::New);
+}
+
+#[test]
+fn reference_atrium_keeps_its_page() {
+    real_scene("reference/atrium/scene.glb", Density::TexelCount(1 << 18), UvMode::Keep);
 }
 
 #[test]
 fn godot_gi() {
-    real_scene("scenes/godot_gi_zdm2/3d/global_illumination/zdm2.glb", Density::TexelCount(1 << 18));
+    real_scene("scenes/godot_gi_zdm2/3d/global_illumination/zdm2.glb", Density::TexelCount(1 << 18), UvMode::New);
 }
 
 #[test]
 fn playcanvas_house() {
-    real_scene("scenes/playcanvas_house/examples/assets/models/house.glb", Density::TexelCount(1 << 18));
+    real_scene("scenes/playcanvas_house/examples/assets/models/house.glb", Density::TexelCount(1 << 18), UvMode::New);
 }
 
 // ---- authored UVs ----

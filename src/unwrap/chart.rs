@@ -28,19 +28,24 @@ const PROJECT_COS: f64 = 0.3;
 /// Triangles of a conformal map may be this many times larger or smaller than in space, in area; beyond it they are cut off.
 const MAX_STRETCH: f64 = 10.0;
 
+/// True where all `triangles`, which must be connected, lie in one plane.
+pub fn is_flat(shape: &Shape, triangles: &[u32]) -> bool {
+    let Some(normal) = mean_normal(shape, triangles) else { return false };
+    triangles.iter().all(|&t| shape.cross(t).normalize_or_zero().dot(normal) >= PLANAR_COS)
+}
+
 /// Charts for `triangles` where they lie in one plane, else `None`. They must be connected.
 pub fn planar(shape: &Shape, triangles: &[u32]) -> Option<Vec<Chart>> {
     let normal = mean_normal(shape, triangles)?;
-    let flat = |&t: &u32| shape.cross(t).normalize_or_zero().dot(normal) >= PLANAR_COS;
-    triangles.iter().all(flat).then(|| {
+    is_flat(shape, triangles).then(|| {
         let uv = triangles.iter().map(|&t| project(shape, t, normal)).collect();
         separate(shape, triangles.to_vec(), uv)
     })
 }
 
-/// Charts from a flattening by xatlas, whose aspect ratio and sign are unknown; triangles that it left flipped, far too small
-/// or far too large, or away from the rest of their polygon, go to `rejected`.
-pub fn flattened(shape: &Shape, triangles: &[u32], uv: &[[DVec2; 3]], rejected: &mut Vec<u32>) -> Vec<Chart> {
+/// Charts from a flattening by xatlas, whose aspect ratio and sign are unknown. Triangles without UVs are attached to the rest
+/// of their polygon. What was left flipped, far too small or far too large goes to `rejected`, polygon by polygon.
+pub fn flattened(shape: &Shape, triangles: &[u32], uv: &[Option<[DVec2; 3]>], rejected: &mut Vec<u32>) -> Vec<Chart> {
     if let Some(charts) = planar(shape, triangles) {
         return charts;
     }
@@ -48,7 +53,8 @@ pub fn flattened(shape: &Shape, triangles: &[u32], uv: &[[DVec2; 3]], rejected: 
         rejected.extend(triangles);
         return Vec::new();
     };
-    let uv: Vec<_> = uv.iter().map(|t| t.map(|p| p * scale)).collect();
+    let uv: Vec<_> = uv.iter().map(|t| t.map(|t| t.map(|p| p * scale))).collect();
+    let uv = attach(shape, triangles, uv);
     let sound = |i: usize| {
         let stretch = signed_area(uv[i]) / shape.area(triangles[i]);
         let [a, b, c] = shape.corners(triangles[i]);
@@ -150,7 +156,7 @@ fn regions(shape: &Shape, triangles: &[u32]) -> Vec<Vec<u32>> {
 }
 
 /// `triangles` grouped by polygon, in order of the polygons' first triangles.
-fn polygons(shape: &Shape, triangles: &[u32]) -> Vec<Vec<u32>> {
+pub fn polygons(shape: &Shape, triangles: &[u32]) -> Vec<Vec<u32>> {
     let mut first = HashMap::new();
     let mut sets = Sets::new(triangles.len());
     for (i, &t) in triangles.iter().enumerate() {
@@ -242,12 +248,70 @@ fn convex_hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     hull
 }
 
+/// Gives triangles without UVs those of their polygon's corners, and where a corner has none, unfolds the triangle over an edge
+/// that has. What can't be reached gets zeros.
+fn attach(shape: &Shape, triangles: &[u32], uv: Vec<Option<[DVec2; 3]>>) -> Vec<[DVec2; 3]> {
+    let mut open: Vec<usize> = (0..uv.len()).filter(|&i| uv[i].is_none()).collect();
+    let mut known = HashMap::new();
+    let key = |i: usize, k: usize| {
+        let t = triangles[i] as usize;
+        (shape.polygon[t], shape.welded[shape.mesh.triangles[t][k] as usize])
+    };
+    let mut result: Vec<_> = uv.iter().map(|t| t.unwrap_or_default()).collect();
+    if open.is_empty() {
+        return result;
+    }
+    for (i, t) in uv.iter().enumerate() {
+        if let Some(t) = t {
+            (0..3).for_each(|k| {
+                known.insert(key(i, k), t[k]);
+            });
+        }
+    }
+    loop {
+        let before = open.len();
+        open.retain(|&i| {
+            let found = [0, 1, 2].map(|k| known.get(&key(i, k)).copied());
+            let p = shape.corners(triangles[i]);
+            let corners = match found {
+                [Some(a), Some(b), Some(c)] => [a, b, c],
+                _ => {
+                    let Some(third) = (0..3)
+                        .find(|&k| found[k].is_none() && found[(k + 1) % 3].is_some() && found[(k + 2) % 3].is_some())
+                    else {
+                        return true;
+                    };
+                    let (a, b) = ((third + 1) % 3, (third + 2) % 3);
+                    let (ua, ub) = (found[a].unwrap_or_default(), found[b].unwrap_or_default());
+                    // The triangle's own shape, by the similarity that takes its edge to the edge in UVs.
+                    let edge = p[b] - p[a];
+                    let along = (p[third] - p[a]).dot(edge) / edge.length_squared();
+                    let aside = 2.0 * shape.area(triangles[i]) / edge.length_squared();
+                    let mut corners = [DVec2::ZERO; 3];
+                    (corners[a], corners[b]) = (ua, ub);
+                    corners[third] = ua + (ub - ua) * along + (ub - ua).perp() * aside;
+                    corners
+                }
+            };
+            (0..3).for_each(|k| {
+                known.insert(key(i, k), corners[k]);
+            });
+            result[i] = corners;
+            false
+        });
+        if open.len() == before || open.is_empty() {
+            return result;
+        }
+    }
+}
+
 /// The factors on u and v that make xatlas' unit square a chart again: the aspect ratio of least Dirichlet energy, which is
 /// the most conformal one, the total area of space, and the sign that most of the area has.
-fn natural_scale(shape: &Shape, triangles: &[u32], uv: &[[DVec2; 3]]) -> Option<DVec2> {
+fn natural_scale(shape: &Shape, triangles: &[u32], uv: &[Option<[DVec2; 3]>]) -> Option<DVec2> {
     let mut energy = DVec2::ZERO;
     let (mut area, mut flat, mut signed) = (0.0, 0.0, 0.0);
     for (&t, uv) in triangles.iter().zip(uv) {
+        let Some(uv) = uv else { continue };
         let [a, b, c] = shape.corners(t);
         let (e1, e2) = (b - a, c - a);
         let (d1, d2) = (uv[1] - uv[0], uv[2] - uv[0]);

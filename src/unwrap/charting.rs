@@ -2,6 +2,7 @@
 
 use super::chart::{self, Chart};
 use super::shape::Shape;
+use super::split;
 use super::xatlas::{Part, unwrap_parts};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -58,7 +59,7 @@ pub fn charts(shapes: &[Shape], progress: &dyn Progress) -> Result<Vec<Vec<Chart
 /// Charts for the flat parts of a mesh, triangles that xatlas can't take, and jobs for the rest.
 fn prepare(index: usize, shape: &Shape, progress: &dyn Progress) -> (Vec<Chart>, Vec<u32>, Vec<Job>) {
     let (mut charts, mut rejected, mut jobs) = (Vec::new(), Vec::new(), Vec::new());
-    for part in shape.parts() {
+    for part in shape.parts().into_iter().flat_map(|part| split::pieces(shape, part)) {
         if let Some(flat) = chart::planar(shape, &part) {
             charts.extend(flat);
             progress.advance(part.len() as u64);
@@ -137,7 +138,7 @@ fn run(shapes: &[Shape], mut batch: Vec<Job>, progress: &dyn Progress) -> Batch 
     let finished = batch.iter().zip(unwrapped).map(|(job, unwrapped)| {
         let shape = &shapes[job.shape];
         let (mut charts, mut rejected) = (Vec::new(), Vec::new());
-        let chart_of = whole_polygons(shape, &job.triangles, unwrapped.chart);
+        let chart_of = whole_polygons(shape, &job.triangles, &unwrapped.chart);
         let mut members: Vec<Vec<usize>> = vec![Vec::new(); unwrapped.chart_count as usize];
         for (i, &c) in chart_of.iter().enumerate() {
             match members.get_mut(c as usize) {
@@ -145,10 +146,22 @@ fn run(shapes: &[Shape], mut batch: Vec<Job>, progress: &dyn Progress) -> Batch 
                 None => rejected.push(job.triangles[i]),
             }
         }
-        for list in members.iter().filter(|l| !l.is_empty()) {
+        for list in members.iter_mut().filter(|l| !l.is_empty()) {
+            // Polygons that xatlas had cut come last, so that they give way where they overlap others.
+            let cut: HashSet<u32> = list
+                .iter()
+                .filter(|&&i| unwrapped.chart[i] != chart_of[i])
+                .map(|&i| shape.polygon[job.triangles[i] as usize])
+                .collect();
+            list.sort_by_key(|&i| cut.contains(&shape.polygon[job.triangles[i] as usize]));
             let triangles: Vec<u32> = list.iter().map(|&i| job.triangles[i]).collect();
-            let uv: Vec<_> =
-                list.iter().map(|&i| unwrapped.uv[i].map(|[u, v]| DVec2::new(f64::from(u), f64::from(v)))).collect();
+            let uv: Vec<_> = list
+                .iter()
+                .map(|&i| {
+                    let double = |[u, v]: [f32; 2]| DVec2::new(f64::from(u), f64::from(v));
+                    (unwrapped.chart[i] == chart_of[i]).then(|| unwrapped.uv[i].map(double))
+                })
+                .collect();
             charts.extend(chart::flattened(shape, &triangles, &uv, &mut rejected));
         }
         progress.advance(job.triangles.len() as u64);
@@ -157,17 +170,16 @@ fn run(shapes: &[Shape], mut batch: Vec<Job>, progress: &dyn Progress) -> Batch 
     finished.collect()
 }
 
-/// The chart of each triangle, `u32::MAX` for all triangles of a polygon that isn't in one chart.
-fn whole_polygons(shape: &Shape, triangles: &[u32], mut chart: Vec<u32>) -> Vec<u32> {
-    let mut of_polygon = HashMap::new();
-    for (&t, &c) in triangles.iter().zip(&chart) {
-        let seen = of_polygon.entry(shape.polygon[t as usize]).or_insert(c);
-        if *seen != c {
-            *seen = u32::MAX;
+/// One chart for all triangles of a polygon: the one that has most of its area, `u32::MAX` where xatlas left that out.
+fn whole_polygons(shape: &Shape, triangles: &[u32], chart: &[u32]) -> Vec<u32> {
+    let mut areas: HashMap<u32, Vec<(u32, f64)>> = HashMap::new();
+    for (&t, &c) in triangles.iter().zip(chart) {
+        let of_polygon = areas.entry(shape.polygon[t as usize]).or_default();
+        match of_polygon.iter_mut().find(|(chart, _)| *chart == c) {
+            Some((_, area)) => *area += shape.area(t),
+            None => of_polygon.push((c, shape.area(t))),
         }
     }
-    for (t, c) in triangles.iter().zip(&mut chart) {
-        *c = of_polygon[&shape.polygon[*t as usize]];
-    }
-    chart
+    let largest = |list: &Vec<(u32, f64)>| list.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(u32::MAX, |c| c.0);
+    triangles.iter().map(|t| largest(&areas[&shape.polygon[*t as usize]])).collect()
 }

@@ -88,7 +88,10 @@ pub fn layout(
 }
 
 /// Packing trials of [`fill`] once some density fits.
-const TRIALS: usize = 9;
+const TRIALS: usize = 7;
+
+/// Up to this many pieces, a page that one order overfills is tried with another.
+const FEW: usize = 500;
 
 /// One page of `side` squared, filled as well as bisection finds.
 fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> Result<Layout> {
@@ -99,11 +102,13 @@ fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> 
             return Ok(None);
         }
         let sized = measure(subject, density, &caps, padding, progress)?;
-        for order in [Order::Side, Order::Texels] {
+        let count: usize = all.iter().map(|&s| sized[subject.meshes[s]].pieces.len()).sum();
+        if cost(subject, &sized, &all, padding) > 1.1 * f64::from(side) * f64::from(side) {
+            return Ok(None);
+        }
+        let orders: &[Order] = if count <= FEW { &[Order::Side, Order::Texels] } else { &[Order::Side] };
+        for &order in orders {
             let mut page = Page::new([side, side], padding, padding);
-            if cost(subject, &sized, &all, padding) > 1.1 * f64::from(side) * f64::from(side) {
-                return Ok(None);
-            }
             if let Some(slots) = place_surfaces(subject, &sized, &all, &mut page, order, progress)? {
                 let surfaces = slots.into_iter().map(|s| (0, s)).collect();
                 return Ok(Some(Layout { pages: vec![[side, side]], density, sized, surfaces }));

@@ -16,6 +16,7 @@ pub mod mask;
 mod overlap;
 mod pack;
 mod shape;
+mod split;
 mod xatlas;
 
 use crate::error::{Result, Warnings};
@@ -44,7 +45,7 @@ pub struct Atlas {
     pub padding: u32,
 }
 
-/// Lightmap UVs of a mesh, shared by all of its surfaces.
+/// Lightmap UVs of a mesh, shared by all of its surfaces; empty where none uses it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshUvs {
     /// One UV a triangle corner, v down, in the order of `Mesh::triangles`.

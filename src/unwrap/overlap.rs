@@ -7,7 +7,7 @@ use glam::DVec2;
 pub fn centers(triangle: [DVec2; 3], columns: usize, rows: usize, mut span: impl FnMut(usize, usize, usize)) {
     let low = triangle.iter().fold(f64::INFINITY, |m, p| m.min(p.y));
     let high = triangle.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.y));
-    if !(low < high) {
+    if low.partial_cmp(&high) != Some(std::cmp::Ordering::Less) {
         return;
     }
     let first = (low - 0.5).ceil().max(0.0) as usize;

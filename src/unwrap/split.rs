@@ -1,0 +1,83 @@
+//! Large connected parts cut into pieces that xatlas charts in good time: its charting and its solver take about the square of
+//! a part's triangles.
+
+use super::chart;
+use super::shape::{Sets, Shape};
+use glam::DVec3;
+
+/// Most triangles of a piece. At 1024, 134 000 triangles cost seconds in place of minutes, and the added seams are few: such a
+/// piece is dozens of texels wide even at a texel a triangle.
+const LIMIT: usize = 1024;
+/// Flat regions of more triangles than this are pieces of their own.
+const FLAT_LIMIT: usize = 64;
+/// Neighbours whose normals are nearer than 0.3 degrees stay together, so that no seam runs across a wall.
+const FLAT_COS: f64 = 1.0 - 1.5e-5;
+
+/// What isn't cut: a polygon, or flat neighbours.
+struct Unit {
+    triangles: Vec<u32>,
+    center: DVec3,
+}
+
+/// Pieces of a connected part, each connected, in a fixed order. Halves at the median along the longest axis, again and again.
+pub fn pieces(shape: &Shape, part: Vec<u32>) -> Vec<Vec<u32>> {
+    if part.len() <= LIMIT {
+        return vec![part];
+    }
+    let neighbors = shape.neighbors(&part);
+    let normals: Vec<DVec3> = part.iter().map(|&t| shape.cross(t).normalize_or_zero()).collect();
+    let mut sets = Sets::new(part.len());
+    for &[a, b] in &neighbors {
+        let flat = normals[a as usize].dot(normals[b as usize]) >= FLAT_COS;
+        if flat || shape.polygon[part[a as usize] as usize] == shape.polygon[part[b as usize] as usize] {
+            sets.join(a, b);
+        }
+    }
+    let mut finished = Vec::new();
+    let mut units = Vec::new();
+    for region in sets.groups(&part) {
+        if region.len() <= FLAT_LIMIT {
+            units.push(unit(shape, region));
+        } else if chart::is_flat(shape, &region) {
+            finished.push(region);
+        } else {
+            // Bends so gently that no two neighbours show it.
+            units.extend(chart::polygons(shape, &region).into_iter().map(|p| unit(shape, p)));
+        }
+    }
+    let mut halves = vec![units];
+    while let Some(mut units) = halves.pop() {
+        let count: usize = units.iter().map(|u| u.triangles.len()).sum();
+        if count > LIMIT && units.len() > 1 {
+            let later = halve(&mut units, count);
+            halves.push(later);
+            halves.push(units);
+        } else {
+            let piece: Vec<u32> = units.into_iter().flat_map(|u| u.triangles).collect();
+            let mut sets = Sets::new(piece.len());
+            shape.neighbors(&piece).iter().for_each(|&[a, b]| sets.join(a, b));
+            finished.extend(sets.groups(&piece));
+        }
+    }
+    finished
+}
+
+fn unit(shape: &Shape, triangles: Vec<u32>) -> Unit {
+    let sum: DVec3 = triangles.iter().flat_map(|&t| shape.corners(t)).sum();
+    let center = sum / (3 * triangles.len()) as f64;
+    Unit { triangles, center }
+}
+
+/// Takes the upper half off, neither being empty.
+fn halve(units: &mut Vec<Unit>, count: usize) -> Vec<Unit> {
+    let low = units.iter().fold(DVec3::INFINITY, |m, u| m.min(u.center));
+    let high = units.iter().fold(DVec3::NEG_INFINITY, |m, u| m.max(u.center));
+    let axis = (high - low).max_position();
+    units.sort_by(|a, b| a.center[axis].total_cmp(&b.center[axis]).then(a.triangles[0].cmp(&b.triangles[0])));
+    let mut sum = 0;
+    let middle = units.iter().position(|u| {
+        sum += u.triangles.len();
+        2 * sum >= count
+    });
+    units.split_off(middle.map_or(1, |m| m + 1).clamp(1, units.len() - 1))
+}
