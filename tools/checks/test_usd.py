@@ -53,9 +53,14 @@ def lightmap_uvs(prim: Usd.Prim) -> np.ndarray:
 
 
 def suffix(prim: Usd.Prim) -> str:
-    """Where several meshes of an instance have rectangles on its root, each names its own."""
-    name = prim.GetAttribute("lumel:rectangle")
-    return f":{name.Get()}" if name and name.HasAuthoredValue() else ""
+    """What distinguishes a mesh's rectangle and page among those on its instance's root: its path below, `:` for `/`."""
+    root = prim
+    for path in prim.GetPath().GetPrefixes():
+        if prim.GetStage().GetPrimAtPath(path).IsInstance():
+            root = prim.GetStage().GetPrimAtPath(path)
+            break
+    below = str(prim.GetPath())[len(str(root.GetPath())) :].replace("/", ":")
+    return below if root.HasAttribute("lumel:lightmap" + below) else ""
 
 
 def page_of(prim: Usd.Prim) -> Path:
