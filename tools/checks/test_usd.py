@@ -159,11 +159,14 @@ def test_instances_have_places_of_their_own(bake):
     chairs = [stage.GetPrimAtPath(f"/sunroom/chair_{k}") for k in (1, 2, 3)]
     assert all(c.IsInstance() for c in chairs)
     assert len({c.GetPrototype().GetPath() for c in chairs}) == 1
-    boxes = []
+    boxes = {}
     for chair in chairs:
-        uv = np.concatenate([lightmap_uvs(p) for p in Usd.PrimRange(chair, Usd.TraverseInstanceProxies()) if p.IsA(UsdGeom.Mesh)])
-        boxes.append((uv.min(0), uv.max(0)))
-    for i in range(3):
-        for k in range(i):
-            (a, b), (c, d) = boxes[i], boxes[k]
-            assert (b <= c).any() or (d <= a).any(), f"chairs {k + 1} and {i + 1} lie on each other's texels: {boxes}"
+        for prim in Usd.PrimRange(chair, Usd.TraverseInstanceProxies()):
+            if prim.IsA(UsdGeom.Mesh):
+                uv = lightmap_uvs(prim)
+                boxes[str(prim.GetPath())] = (uv.min(0), uv.max(0))
+    assert len(boxes) == 6
+    for one in boxes:
+        for other in boxes:
+            (a, b), (c, d) = boxes[one], boxes[other]
+            assert one == other or (b <= c).any() or (d <= a).any(), f"{one} and {other} lie on each other's texels"
