@@ -66,8 +66,8 @@ fn furnace_is_uniform() {
     let direct = deviation(&mut baked.direct.shown.iter().map(|e| e.x));
     let elements = deviation(&mut baked.solution.irradiance.iter().map(|e| e.x));
     println!("direct {:.4} %, elements {:.4} %", 100.0 * direct, 100.0 * elements);
-    for i in 0..baked.patches.len() { if baked.gathered.landed_share[i] < 1.0 { println!("lost {} at {} n {} exp {:?} E {}", baked.gathered.landed_share[i], baked.patches.position[i], baked.patches.normal[i], baked.exposure.cells[i], baked.gathered.irradiance[i].x); } }
     println!("worst texel {:.4} %, balance {:+.4} %", 100.0 * worst, 100.0 * baked.energy.imbalance);
+    assert!(baked.gathered.landed_share.iter().all(|s| *s == 1.0), "rays slipped out of a closed box");
     assert!(worst < 0.005, "{worst}");
     assert!(baked.energy.imbalance.abs() < 0.005);
 }

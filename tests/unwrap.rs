@@ -392,17 +392,18 @@ fn a_spiral_ramp_does_not_overlap_itself() {
 #[test]
 fn many_pages_and_too_few() {
     let scene = scene((0..20).map(|_| cube(Vec3::ONE)).collect());
-    let mut p = params(Density::TexelsPerMetre(50.0));
+    let mut p = params(Density::TexelsPerMetre(48.0));
     p.page_size = 256;
     let (atlas, warnings) = run(&scene, &p);
     check(&scene, &atlas, false);
     assert!(warnings.is_empty());
-    assert!((5..=8).contains(&atlas.pages.len()), "{:?}", atlas.pages);
+    // Five by five squares of 48 texels and their padding: four cubes a page.
+    assert_eq!(atlas.pages.len(), 5);
     p.max_pages = 2;
     let (atlas, warnings) = run(&scene, &p);
     let figures = check(&scene, &atlas, false);
     assert_eq!(warnings.iter().count(), 1);
-    assert!(atlas.pages.len() <= 2 && atlas.density < 50.0);
+    assert!(atlas.pages.len() <= 2 && atlas.density < 48.0);
     println!("two pages: {figures:?} at {}", atlas.density);
     assert!(figures.utilization > 0.5);
     // One surface too large for a page loses density alone.
@@ -410,7 +411,7 @@ fn many_pages_and_too_few() {
     large.surfaces[1].name = "/large".into();
     p.max_pages = 8;
     let (atlas, warnings) = run(&large, &p);
-    assert_eq!(atlas.density, 50.0);
+    assert_eq!(atlas.density, 48.0);
     assert!(warnings.iter().any(|w| w.places[0].starts_with("/large")));
     let mut loose = atlas.clone();
     loose.density = 1e-3;
@@ -431,6 +432,56 @@ fn same_bits_for_any_thread_count() {
     assert_eq!(first, run(&scene, &p).0);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     assert_eq!(first, pool.install(|| run(&scene, &p).0));
+}
+
+// ---- real scenes ----
+
+/// Unwraps a scene of the shared folder and checks the atlas; the folder is absent outside the project.
+fn real_scene(path: &str, density: Density) {
+    let folder = std::env::var_os("LUMEL_REFERENCE")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let path = folder.join(path);
+    if !path.exists() {
+        println!("skipped: {} is not here", path.display());
+        return;
+    }
+    let scene = lumel::load::load(&path).expect("loads").scene;
+    let start = std::time::Instant::now();
+    let mut p = params(density);
+    p.uv = UvMode::New;
+    let (atlas, warnings) = run(&scene, &p);
+    let took = start.elapsed();
+    let mut loose = atlas.clone();
+    loose.density = 1e-3;
+    let figures = check(&scene, &loose, false);
+    let name = path.file_stem().expect("a file").to_string_lossy();
+    println!(
+        "{name}: {} triangles, {took:.2?}, {figures:?}, {:?}, {} texels/m, {warnings:?}",
+        scene.triangle_count(),
+        atlas.pages,
+        atlas.density
+    );
+    picture(&name, &scene, &atlas);
+}
+
+#[test]
+fn reference_cornell_box() {
+    real_scene("reference/cornell_box/scene.glb", Density::FillPage(256));
+}
+
+#[test]
+fn reference_living_room() {
+    real_scene("reference/living_room/scene.glb", Density::TexelCount(1 << 18));
+}
+
+#[test]
+fn godot_gi() {
+    real_scene("scenes/godot_gi_zdm2/3d/global_illumination/zdm2.glb", Density::TexelCount(1 << 18));
+}
+
+#[test]
+fn playcanvas_house() {
+    real_scene("scenes/playcanvas_house/examples/assets/models/house.glb", Density::TexelCount(1 << 18));
 }
 
 // ---- authored UVs ----

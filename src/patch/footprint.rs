@@ -153,6 +153,10 @@ impl Facet {
     }
 }
 
+/// Samples keep away from the rim by this share of the way to the middle: a point exactly on the edge of two walls lies in
+/// the plane of both, and a ray from it can leave through the other one.
+const EDGE_MARGIN: f32 = 1e-3;
+
 impl Piece {
     /// The piece's share of its triangle's area.
     pub fn share(&self) -> f32 {
@@ -174,7 +178,9 @@ impl Piece {
         let width = fan(k);
         let u0 = if width > 0.0 { (at / width).clamp(0.0, 1.0) } else { 0.0 };
         let w = crate::sample::warp::triangle([u0, u[1]]);
-        o + (self.corners[k] - o) * w.x + (self.corners[k + 1] - o) * w.y
+        let at = o + (self.corners[k] - o) * w.x + (self.corners[k + 1] - o) * w.y;
+        let middle = self.corners[..self.count].iter().sum::<Vec2>() / self.count as f32;
+        at.lerp(middle, EDGE_MARGIN)
     }
 }
 

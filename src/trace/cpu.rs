@@ -24,6 +24,8 @@ pub struct Tracer {
     mirrored: Vec<bool>,
     /// Distance by which ray origins are kept off surfaces [m].
     offset: f32,
+    /// BVH units per metre, a power of two.
+    scale: f32,
 }
 
 /// The padding of a triangle's box, relative to the scene's largest coordinate: a few units in the last place, so that the
@@ -33,6 +35,10 @@ const BOX_PADDING: f32 = 4.0 * f32::EPSILON;
 /// The offset of ray origins, relative to the scene's largest coordinate: well above the rounding of a point computed from
 /// corners and weights (about 4 ulp), well below anything a lightmap texel shows.
 const ORIGIN_OFFSET: f32 = 64.0 * f32::EPSILON;
+
+/// The scene's largest coordinate in the BVH's units, about. obvhs takes no box that a ray leaves before t = 1e-4: in these
+/// units that is a tenth of [`ORIGIN_OFFSET`], in metres it would lose walls right beside a ray's origin.
+const BOX_EXTENT: f32 = 128.0;
 
 struct PaddedBox(Aabb);
 
@@ -56,11 +62,12 @@ impl Tracer {
         }
         first.push(corners.len() as u32);
         let largest = corners.iter().flatten().flatten().fold(0.0f32, |m, c| m.max(c.abs()));
-        let padding = Vec3A::splat(largest * BOX_PADDING);
+        let scale = (BOX_EXTENT / largest.max(f32::MIN_POSITIVE)).log2().ceil().clamp(-100.0, 100.0).exp2();
+        let padding = Vec3A::splat(largest * scale * BOX_PADDING);
         let boxes: Vec<PaddedBox> = corners
             .iter()
             .map(|t| {
-                let mut aabb = Aabb::from_points(&t.map(Vec3A::from_array));
+                let mut aabb = Aabb::from_points(&t.map(|p| Vec3A::from_array(p) * scale));
                 aabb.min -= padding;
                 aabb.max += padding;
                 PaddedBox(aabb)
@@ -70,7 +77,7 @@ impl Tracer {
         let number = bvh.primitive_indices.clone();
         let corners = number.iter().map(|&i| corners[i as usize]).collect();
         let mirrored = scene.surfaces.iter().map(|s| s.is_mirrored()).collect();
-        Self { bvh, corners, number, first, surface, mirrored, offset: largest * ORIGIN_OFFSET }
+        Self { bvh, corners, number, first, surface, mirrored, offset: largest * ORIGIN_OFFSET, scale }
     }
 
     /// Triangle count over all surfaces.
@@ -122,7 +129,7 @@ impl Tracer {
 
     fn closest_one(&self, ray: &Ray) -> Option<Hit> {
         let shear = Shear::new(ray.origin, ray.direction);
-        let box_ray = BoxRay::new(ray.origin.into(), ray.direction.into(), 0.0, f32::INFINITY);
+        let box_ray = self.box_ray(ray.origin, ray.direction, f32::INFINITY);
         let mut best: Option<Hit> = None;
         self.bvh.ray_traverse(box_ray, &mut RayHit::none(), |_, leaf| {
             let Some(crossing) = shear.intersect(&self.corners[leaf]) else { return f32::INFINITY };
@@ -137,16 +144,21 @@ impl Tracer {
             let [v, w] = crossing.barycentric;
             let barycentric = if self.mirrored[self.surface[triangle as usize] as usize] { [w, v] } else { [v, w] };
             best = Some(Hit { t, triangle, barycentric, back: !crossing.front });
-            t
+            t * self.scale
         });
         best
     }
 
+    /// A ray in the BVH's units.
+    fn box_ray(&self, origin: Vec3, direction: Vec3, length: f32) -> BoxRay {
+        BoxRay::new((origin * self.scale).into(), direction.into(), 0.0, length * self.scale)
+    }
+
     fn any_within(&self, origin: Vec3, direction: Vec3, length: f32) -> bool {
         let shear = Shear::new(origin, direction);
-        let box_ray = BoxRay::new(origin.into(), direction.into(), 0.0, length);
+        let box_ray = self.box_ray(origin, direction, length);
         !self.bvh.ray_traverse_miss(box_ray, |_, leaf| match shear.intersect(&self.corners[leaf]) {
-            Some(crossing) if crossing.t < length => crossing.t,
+            Some(crossing) if crossing.t < length => crossing.t * self.scale,
             _ => f32::INFINITY,
         })
     }

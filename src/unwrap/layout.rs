@@ -148,7 +148,11 @@ fn spread(
 ) -> Result<Layout> {
     let mut caps = caps(subject, params.page_size, params.padding);
     let page_area = f64::from(params.page_size).powi(2);
-    let mut lowered = density.min((1.2 * page_area * f64::from(params.max_pages) / subject.area).sqrt());
+    let mut lowered = density;
+    // Far beyond what fits, bitmaps needn't be made to know it.
+    while demand(subject, lowered, &caps) > 3.0 * page_area * f64::from(params.max_pages) {
+        lowered *= 0.9;
+    }
     for _ in 0..200 {
         let sized = measure(subject, lowered, &caps, params.padding, progress)?;
         match assign(subject, &sized, params, progress)? {
@@ -300,6 +304,19 @@ fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
         Content::Unused => f64::INFINITY,
     });
     content.collect()
+}
+
+/// Texels in the boxes of all charts.
+fn demand(subject: &Subject, density: f64, caps: &[f64]) -> f64 {
+    let boxes = |mesh: usize| -> f64 {
+        match &subject.contents[mesh] {
+            Content::Charts(charts) | Content::Shared(charts) => charts.iter().map(|c| c.size.x * c.size.y).sum(),
+            Content::Authored { size } => size.x * size.y,
+            Content::Unused => 0.0,
+        }
+    };
+    let boxes: Vec<f64> = (0..caps.len()).map(boxes).collect();
+    subject.meshes.iter().map(|&m| boxes[m] * density.min(caps[m]).powi(2)).sum()
 }
 
 /// Every mesh at `density`, or its own cap where that is lower.

@@ -205,11 +205,43 @@ fn mesh_uvs(scene: &Scene, mesh: usize, charts: &[Chart], boxes: &[[u32; 2]], sl
     };
     for (number, ((chart, &texels), &slot)) in charts.iter().zip(boxes).zip(slots).enumerate() {
         for (&t, corners) in chart.triangles.iter().zip(pack::texels(chart, texels, slot)) {
-            uvs.corners[t as usize] = corners.map(|p| (p / size).as_vec2());
+            uvs.corners[t as usize] = rounded(corners, size);
             uvs.chart[t as usize] = number as u32;
         }
     }
     uvs
+}
+
+/// UVs in single precision of a triangle in texels, which still has area: a sliver that rounding would flatten is widened,
+/// by less than [`mask::BORDER`].
+fn rounded(corners: [DVec2; 3], size: DVec2) -> [Vec2; 3] {
+    let round = |corners: [DVec2; 3]| corners.map(|p| (p / size).as_vec2());
+    let has_area = |uv: [Vec2; 3]| chart::signed_area(uv.map(|p| p.as_dvec2())) > 0.0;
+    let uv = round(corners);
+    if has_area(uv) {
+        return uv;
+    }
+    // The corner between the two others, and the way from them that gives area.
+    let length = |k: usize| corners[(k + 1) % 3].distance_squared(corners[(k + 2) % 3]);
+    let middle = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
+    let along = corners[(middle + 2) % 3] - corners[(middle + 1) % 3];
+    let aside = along.try_normalize().unwrap_or(DVec2::X).perp();
+    for step in 1..8 {
+        let by = aside * mask::BORDER * f64::from(step) / 8.0;
+        let mut moved = corners;
+        moved[middle] += by;
+        let within = moved[middle].cmpge(DVec2::ZERO).all() && moved[middle].cmple(size).all();
+        if !within {
+            // Off the page: the others move the other way, so that the sliver stays between them.
+            moved = corners.map(|p| p - by);
+            moved[middle] = corners[middle];
+        }
+        let uv = round(moved);
+        if has_area(uv) {
+            return uv.map(|p| p.clamp(Vec2::ZERO, Vec2::ONE));
+        }
+    }
+    uv
 }
 
 impl Atlas {
