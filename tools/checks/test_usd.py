@@ -53,9 +53,14 @@ def lightmap_uvs(prim: Usd.Prim) -> np.ndarray:
 
 
 def suffix(prim: Usd.Prim) -> str:
-    """Where several meshes of an instance have rectangles on its root, each names its own."""
-    name = prim.GetAttribute("lumel:rectangle")
-    return f":{name.Get()}" if name and name.HasAuthoredValue() else ""
+    """What distinguishes a mesh's rectangle and page among those on its instance's root: its path below, `:` for `/`."""
+    root = prim
+    for path in prim.GetPath().GetPrefixes():
+        if prim.GetStage().GetPrimAtPath(path).IsInstance():
+            root = prim.GetStage().GetPrimAtPath(path)
+            break
+    below = str(prim.GetPath())[len(str(root.GetPath())) :].replace("/", ":")
+    return below if root.HasAttribute("lumel:lightmap" + below) else ""
 
 
 def page_of(prim: Usd.Prim) -> Path:
@@ -154,11 +159,14 @@ def test_instances_have_places_of_their_own(bake):
     chairs = [stage.GetPrimAtPath(f"/sunroom/chair_{k}") for k in (1, 2, 3)]
     assert all(c.IsInstance() for c in chairs)
     assert len({c.GetPrototype().GetPath() for c in chairs}) == 1
-    boxes = []
+    boxes = {}
     for chair in chairs:
-        uv = np.concatenate([lightmap_uvs(p) for p in Usd.PrimRange(chair, Usd.TraverseInstanceProxies()) if p.IsA(UsdGeom.Mesh)])
-        boxes.append((uv.min(0), uv.max(0)))
-    for i in range(3):
-        for k in range(i):
-            (a, b), (c, d) = boxes[i], boxes[k]
-            assert (b <= c).any() or (d <= a).any(), f"chairs {k + 1} and {i + 1} lie on each other's texels: {boxes}"
+        for prim in Usd.PrimRange(chair, Usd.TraverseInstanceProxies()):
+            if prim.IsA(UsdGeom.Mesh):
+                uv = lightmap_uvs(prim)
+                boxes[str(prim.GetPath())] = (uv.min(0), uv.max(0))
+    assert len(boxes) == 6
+    for one in boxes:
+        for other in boxes:
+            (a, b), (c, d) = boxes[one], boxes[other]
+            assert one == other or (b <= c).any() or (d <= a).any(), f"{one} and {other} lie on each other's texels"
