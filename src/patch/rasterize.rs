@@ -7,7 +7,7 @@ use super::{NONE, Patches};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use crate::unwrap::Atlas;
+use crate::unwrap::{Atlas, mask::BORDER};
 use crate::{Error, Result};
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
@@ -74,7 +74,7 @@ fn cut(scene: &Scene, atlas: &Atlas, tracer: &Tracer, chart_first: &[u32], numbe
     let mesh = placed.mesh;
     let order = Scene::corner_order(placed);
     let world = scene.world_triangle(surface, triangle);
-    let texels = atlas.page_texels(surface, mesh, triangle).map(|p| p.as_dvec2());
+    let texels = texel_triangle(scene, atlas, surface, triangle);
     let texels = order.map(|k| texels[k]);
     let cross = (world[1] - world[0]).as_dvec3().cross((world[2] - world[0]).as_dvec3());
     let world_area = 0.5 * cross.length();
@@ -175,9 +175,15 @@ fn from_morton(code: u32) -> (u32, u32) {
     (pack(code), pack(code >> 1))
 }
 
-/// A triangle's page coordinates [texels], corners in mesh order.
+/// A triangle's page coordinates [texels], corners in mesh order. Charts are laid out on texel borders, and f32 UVs miss them by
+/// a little; a corner that close to a border lies on it, so that no sliver of the chart reaches into the next texel.
 pub(super) fn texel_triangle(scene: &Scene, atlas: &Atlas, surface: usize, triangle: usize) -> [DVec2; 3] {
-    atlas.page_texels(surface, scene.surfaces[surface].mesh, triangle).map(|p| p.as_dvec2())
+    let snap = |v: f64| if (v - v.round()).abs() < BORDER { v.round() } else { v };
+    let corners = atlas.page_texels(surface, scene.surfaces[surface].mesh, triangle).map(|p| p.as_dvec2());
+    let snapped = corners.map(|p| DVec2::new(snap(p.x), snap(p.y)));
+    let area = |[a, b, c]: [DVec2; 3]| (b - a).perp_dot(c - a);
+    // A triangle smaller than the border keeps its shape.
+    if area(snapped) * area(corners) > 0.0 { snapped } else { corners }
 }
 
 #[cfg(test)]
