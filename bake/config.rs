@@ -174,8 +174,9 @@ mod tests {
     use super::*;
     use crate::args::{Args, Command};
     use clap::Parser;
-    use lumel::settings::{GltfProfile, Quality};
+    use lumel::settings::Quality;
     use lumel::unwrap::UvMode;
+    use lumel::write::GltfProfile;
 
     fn typed(line: &str) -> Table {
         let args =

@@ -189,3 +189,30 @@ fn zero_bounces_leave_direct_light_alone() {
     let sum = |b: &support::Baked| b.gathered.irradiance.iter().map(|e| e.x).sum::<f32>();
     assert!(sum(&baked) < sum(&one) && sum(&one) < sum(&all));
 }
+
+#[test]
+fn a_closed_double_sided_lamp_keeps_its_energy() {
+    // Its backs shine into its own inside, which must absorb that; its fronts light the room.
+    let mut quads: Vec<Quad> = room([4., 3., 4.]);
+    let lamp = room([1., 0.2, 1.]).into_iter().map(|mut q| {
+        q.corner += glam::Vec3::new(1.5, 2.0, 1.5);
+        std::mem::swap(&mut q.u, &mut q.v);
+        q.emission(10.0).double_sided()
+    });
+    quads.extend(lamp);
+    // A ceiling slab right above it, whose dark inside faces the same ways as the lamp's bright one.
+    quads.extend(room([3.6, 0.1, 3.6]).into_iter().map(|mut q| {
+        q.corner += glam::Vec3::new(0.2, 2.4, 0.2);
+        std::mem::swap(&mut q.u, &mut q.v);
+        q.double_sided()
+    }));
+    let baked = bake_quads(&quads, 16, &draft());
+    println!("{:?}", baked.energy);
+    assert!(baked.energy.imbalance.abs() < 0.01, "{}", baked.energy.imbalance);
+    // The lamp's inside is a furnace: each of its backs receives pi L / (1 - rho).
+    let expected = PI * 10.0 / (1.0 - 0.5);
+    for e in (0..baked.elements.len()).filter(|&e| baked.elements.back[e] && (6..12).contains(&baked.elements.surface[e])) {
+        let irradiance = baked.solution.irradiance[e].x;
+        assert!((irradiance / expected - 1.0).abs() < 0.02, "{irradiance} against {expected}");
+    }
+}

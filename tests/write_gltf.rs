@@ -11,7 +11,7 @@ use lumel::load::usd::UsdSource;
 use lumel::post::vertex::CornerColors;
 use lumel::post::{Lightmap, PageImage, Quantity};
 use lumel::scene::{Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin, UvSet};
-use lumel::settings::GltfProfile;
+use lumel::write::GltfProfile;
 use lumel::unwrap::{Atlas, MeshUvs, Placement};
 use lumel::write::{Baked, BakedLights};
 use serde_json::{Value, json};
@@ -175,8 +175,9 @@ impl Bake {
             scene: &self.scene,
             source: &self.source,
             atlas: &self.atlas,
-            lightmap: &self.lightmap,
-            corners: &self.corners,
+            lightmap: Some(&self.lightmap),
+            quantity: self.lightmap.quantity,
+            corners: Some(&self.corners),
             page_uris: &["lightmaps/square_0.exr".to_string()],
             folder: Path::new("out"),
             lights: self.lights,
@@ -411,8 +412,9 @@ fn broken_documents_are_errors() {
             scene: &bake.scene,
             source: &bake.source,
             atlas: &bake.atlas,
-            lightmap: &bake.lightmap,
-            corners: &bake.corners,
+            lightmap: Some(&bake.lightmap),
+            quantity: bake.lightmap.quantity,
+            corners: Some(&bake.corners),
             page_uris: &[],
             folder: Path::new("out"),
             lights: bake.lights,

@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec2, Vec3};
 use lumel::load::{self, Source, usd::UsdSource};
 use lumel::post::vertex::CornerColors;
-use lumel::post::{Lightmap, Quantity};
+use lumel::post::Quantity;
 use lumel::scene::{
     Environment, Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TextureSlot, TriangleOrigin,
 };
@@ -115,8 +115,9 @@ impl Bake {
             scene: &self.scene,
             source: &source,
             atlas: &self.atlas,
-            lightmap: &Lightmap { pages: Vec::new(), quantity: self.quantity },
-            corners: &self.corners,
+            lightmap: None,
+            quantity: self.quantity,
+            corners: Some(&self.corners),
             page_uris: &page_uris,
             folder: &self.folder.join("room_baked"),
             lights: self.lights,
@@ -632,8 +633,9 @@ fn layer_over(input: &Path, folder: &Path) {
         scene,
         source: &loaded.source,
         atlas: &atlas,
-        lightmap: &Lightmap { pages: Vec::new(), quantity: Quantity::Outgoing },
-        corners: &CornerColors { surfaces: colors.collect() },
+        lightmap: None,
+        quantity: Quantity::Outgoing,
+        corners: Some(&CornerColors { surfaces: colors.collect() }),
         page_uris: &["lightmaps/scene_0.exr".to_string()],
         folder,
         lights: BakedLights::Mark,

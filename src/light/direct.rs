@@ -268,7 +268,8 @@ fn visible_polygon(
     let mut visible = 0;
     let (mut links, mut segments, mut blocked) = (Vec::new(), Vec::new(), Vec::new());
     for end in [samples, samples * POLYGON_REFINEMENT] {
-        if taken > 0 && (visible == 0 || visible == taken) {
+        // Samples below the horizon say nothing about what is seen above it.
+        if taken > 0 && whole[0] > 0.0 && (visible == 0 || visible == taken) {
             break;
         }
         links.clear();

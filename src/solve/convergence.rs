@@ -74,16 +74,10 @@ impl Convergence {
         // Each round carries the wave one bounce on; it dies out with the albedos.
         for _ in 0..100 {
             let mut next = vec![0.0; count];
-            for a in 0..count {
-                if wave[a] == 0.0 {
-                    continue;
-                }
-                for b in 0..count {
-                    next[b] += if self.shot[a] > 0.0 {
-                        wave[a] * self.carried[a * count + b] / self.shot[a]
-                    } else {
-                        wave[a] * self.albedo[b]
-                    };
+            for (a, &power) in wave.iter().enumerate().filter(|(_, power)| **power > 0.0) {
+                let carried = &self.carried[a * count..(a + 1) * count];
+                for ((next, carried), albedo) in next.iter_mut().zip(carried).zip(&self.albedo) {
+                    *next += power * if self.shot[a] > 0.0 { carried / self.shot[a] } else { *albedo };
                 }
             }
             // Groups that have not shot send to all at once: power is bounded by what there was.

@@ -46,6 +46,9 @@ pub struct Solution {
     pub rays: u64,
 }
 
+/// How often the direct light of a back is estimated: as an element is larger than a texel, so often more.
+const BACK_SAMPLES: usize = 8;
+
 /// Sweeps of gathering after the last shot: enough to bring a furnace within 0.3 % at every element.
 const POLISHING_SWEEPS: u32 = 3;
 
@@ -148,14 +151,21 @@ fn light_on_backs(
                 return Ok(Arriving::default());
             }
             let count = crate::transport::element::POINTS;
-            let receiver = Receiver {
-                sample: &|u| elements.kept_point(e, (u[0] * count as f32) as u32),
-                position: elements.centre[e],
-                normal: elements.kept_point(e, 0).normal,
-                radius: elements.radius[e],
-                sequence: Sequence::new(params.seed, Stage::Direct, (1 << 40) + e as u64),
-            };
-            Ok(arrive(ground.scene, ground.tracer, lights, &receiver, &params))
+            let mut sum = Arriving::default();
+            for k in 0..BACK_SAMPLES {
+                let receiver = Receiver {
+                    sample: &|u| elements.kept_point(e, (u[0] * count as f32) as u32),
+                    position: elements.centre[e],
+                    normal: elements.kept_point(e, 0).normal,
+                    radius: elements.radius[e],
+                    sequence: Sequence::new(params.seed, Stage::Direct, (1 << 40) + (e * BACK_SAMPLES + k) as u64),
+                };
+                let arriving = arrive(ground.scene, ground.tracer, lights, &receiver, &params);
+                sum.transport += arriving.transport / BACK_SAMPLES as f32;
+                sum.other += arriving.other / BACK_SAMPLES as f32;
+                sum.rays += arriving.rays;
+            }
+            Ok(sum)
         })
         .collect()
 }

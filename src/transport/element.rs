@@ -221,7 +221,8 @@ impl Elements {
     }
 }
 
-/// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes.
+/// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes. Surfaces large enough for a cluster
+/// of their own don't share one: the inside of a lamp and the inside of the ceiling above it have nothing in common.
 fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>> {
     let all = ground.patches;
     let way = |i: u32| {
@@ -236,13 +237,22 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>
         };
         2 * axis + usize::from(n[axis] < 0.0)
     };
-    patches.sort_by_key(|&i| (way(i), i));
+    let mut surface_area = vec![0.0f64; ground.scene.surfaces.len()];
+    for &i in &patches {
+        surface_area[all.surface[i as usize] as usize] += f64::from(all.area[i as usize]);
+    }
+    let large = surface_area.iter().sum::<f64>() / count.max(1) as f64;
+    let owner = |i: u32| match all.surface[i as usize] {
+        s if surface_area[s as usize] >= large => s,
+        _ => NONE,
+    };
+    patches.sort_by_key(|&i| (owner(i), way(i), i));
     let area = |range: &std::ops::Range<usize>, patches: &[u32]| -> f64 {
         patches[range.clone()].iter().map(|&i| f64::from(all.area[i as usize])).sum()
     };
     let mut heap = BinaryHeap::new();
     let mut start = 0;
-    for group in patches.chunk_by(|&a, &b| way(a) == way(b)) {
+    for group in patches.chunk_by(|&a, &b| (owner(a), way(a)) == (owner(b), way(b))) {
         let range = start..start + group.len();
         start = range.end;
         heap.push(Block { area: area(&range, &patches), axis: way(group[0]) / 2, range });
