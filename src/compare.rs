@@ -2,9 +2,11 @@
 //!
 //! With `a` the luminance of a texel of the page to judge, `b` that of the page to trust, `mean` the mean of `b`:
 //!
-//!     bias      = sum(a - b) / sum(b)
-//!     rel_rmse  = sqrt(mean((a - b)^2)) / mean
-//!     relative  = |a - b| / max(b, 0.05 mean), of which p50, p95, p99 and max are given
+//! ```text
+//! bias      = sum(a - b) / sum(b)
+//! rel_rmse  = sqrt(mean((a - b)^2)) / mean
+//! relative  = |a - b| / max(b, 0.05 mean), of which p50, p95, p99 and max are given
+//! ```
 //!
 //! The floor of 5 % of the mean keeps black corners, where any noise is a large share, from ruling the percentiles.
 //! Cost: two pages in memory and one sort of their texels.

@@ -63,7 +63,8 @@ mod tests {
     #[test]
     fn half_space_wall_covers_half() {
         let far = 1e4;
-        let wall = [Vec3::new(1., -far, -far), Vec3::new(1., far, -far), Vec3::new(1., far, far), Vec3::new(1., -far, far)];
+        let wall =
+            [Vec3::new(1., -far, -far), Vec3::new(1., far, -far), Vec3::new(1., far, far), Vec3::new(1., -far, far)];
         let f = point_to_polygon(Vec3::ZERO, Vec3::Y, &wall);
         assert!((f - 0.5).abs() < 1e-3, "{f}");
     }

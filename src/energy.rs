@@ -93,8 +93,10 @@ fn written_irradiance(lightmap: &Lightmap, [page, texel]: [u32; 2], rho: DVec3, 
     match lightmap.quantity {
         Quantity::Outgoing => value * PI,
         Quantity::Irradiance => value,
-        Quantity::Radiosity => {
-            DVec3::select(rho.cmpgt(DVec3::ZERO), (value - emittance) / rho.max(DVec3::splat(f64::MIN_POSITIVE)), DVec3::ZERO)
-        }
+        Quantity::Radiosity => DVec3::select(
+            rho.cmpgt(DVec3::ZERO),
+            (value - emittance) / rho.max(DVec3::splat(f64::MIN_POSITIVE)),
+            DVec3::ZERO,
+        ),
     }
 }

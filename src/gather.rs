@@ -7,8 +7,8 @@
 
 use crate::Result;
 use crate::color::Rgb;
-use crate::light::direct::{Direct, DirectParams, hemisphere_weight};
 use crate::light::Lights;
+use crate::light::direct::{Direct, DirectParams, hemisphere_weight};
 use crate::patch::{Ground, NONE, Reflectance, unocclude::Exposure};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
@@ -56,11 +56,8 @@ impl Sources<'_> {
     /// What a hit reads; `None` on black backs and buried texels.
     fn under(&self, ground: &Ground, hit: &Hit) -> Option<Rgb> {
         let patch = ground.patch_under(hit)?;
-        let (of, side) = if hit.back {
-            (&self.elements.back_of, &self.back)
-        } else {
-            (&self.elements.front_of, &self.front)
-        };
+        let (of, side) =
+            if hit.back { (&self.elements.back_of, &self.back) } else { (&self.elements.front_of, &self.front) };
         (of[patch] != NONE).then(|| side.get(patch).copied().unwrap_or_default())
     }
 }
@@ -156,7 +153,11 @@ fn sources<'a>(
     Sources {
         elements,
         front: (0..n).map(front).collect(),
-        back: if has_backs { (0..n).map(|i| reflectance.0[i] * read(&elements.back_of, i)).collect() } else { Vec::new() },
+        back: if has_backs {
+            (0..n).map(|i| reflectance.0[i] * read(&elements.back_of, i)).collect()
+        } else {
+            Vec::new()
+        },
     }
 }
 

@@ -142,9 +142,8 @@ impl Report {
 impl Input {
     /// Reads and hashes `path`.
     pub fn new(path: PathBuf) -> Self {
-        let sha256 = std::fs::read(&path).ok().map(|bytes| {
-            Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect()
-        });
+        let sha256 =
+            std::fs::read(&path).ok().map(|bytes| Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect());
         Self { path, sha256 }
     }
 }
@@ -205,7 +204,10 @@ pub fn refuse_other_bake(scene: &Path, folder: &Path, overwrite: bool) -> Result
         return Ok(());
     }
     let of = name.map_or_else(|| "something else".to_string(), |n| n.display().to_string());
-    Err(Error::invalid(folder.display(), format!("holds the bake of {of}; choose another folder with -o, or --overwrite")))
+    Err(Error::invalid(
+        folder.display(),
+        format!("holds the bake of {of}; choose another folder with -o, or --overwrite"),
+    ))
 }
 
 /// The most memory that this process held [bytes].

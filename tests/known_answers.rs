@@ -47,7 +47,8 @@ fn distant_squares_by_area_sampling() {
     let x = 1.0 / c;
     let s = (1.0 + x * x).sqrt();
     let expected = 2.0 / (PI as f64 * x * x)
-        * (((1.0 + x * x).powi(2) / (1.0 + 2.0 * x * x)).sqrt().ln() + 2.0 * x * s * (x / s).atan() - 2.0 * x * x.atan());
+        * (((1.0 + x * x).powi(2) / (1.0 + 2.0 * x * x)).sqrt().ln() + 2.0 * x * s * (x / s).atan()
+            - 2.0 * x * x.atan());
     let floor = Quad::new([0., 0., 0.], [0., 0., 1.], [1., 0., 0.]);
     let ceiling = Quad::new([0., c as f32, 0.], [1., 0., 0.], [0., 0., 1.]);
     let f = between(floor, ceiling);
@@ -160,7 +161,10 @@ fn two_rooms_and_a_slit_reach_the_dim_one() {
     quads[1].emission = 10.0;
     let settings = Settings { quality: Quality::Draft, ..draft() };
     let baked = bake_quads(&quads, 16, &settings);
-    println!("residual {}, shots {}, balance {}", baked.solution.residual, baked.solution.shots, baked.energy.imbalance);
+    println!(
+        "residual {}, shots {}, balance {}",
+        baked.solution.residual, baked.solution.shots, baked.energy.imbalance
+    );
     assert!(baked.solution.residual <= 1e-3);
     assert!(baked.energy.imbalance.abs() < 0.005, "{}", baked.energy.imbalance);
 }
@@ -175,7 +179,13 @@ fn the_same_bits_for_one_and_two_threads() {
         pool.install(|| bake_quads(&quads, 16, &draft())).lightmap
     };
     let (one, two) = (run(1), run(2));
-    assert!(one.pages[0].rgb.iter().zip(&two.pages[0].rgb).all(|(a, b)| a.to_array().map(f32::to_bits) == b.to_array().map(f32::to_bits)));
+    assert!(
+        one.pages[0]
+            .rgb
+            .iter()
+            .zip(&two.pages[0].rgb)
+            .all(|(a, b)| a.to_array().map(f32::to_bits) == b.to_array().map(f32::to_bits))
+    );
 }
 
 #[test]
@@ -211,7 +221,9 @@ fn a_closed_double_sided_lamp_keeps_its_energy() {
     assert!(baked.energy.imbalance.abs() < 0.01, "{}", baked.energy.imbalance);
     // The lamp's inside is a furnace: each of its backs receives pi L / (1 - rho).
     let expected = PI * 10.0 / (1.0 - 0.5);
-    for e in (0..baked.elements.len()).filter(|&e| baked.elements.back[e] && (6..12).contains(&baked.elements.surface[e])) {
+    for e in
+        (0..baked.elements.len()).filter(|&e| baked.elements.back[e] && (6..12).contains(&baked.elements.surface[e]))
+    {
         let irradiance = baked.solution.irradiance[e].x;
         assert!((irradiance / expected - 1.0).abs() < 0.02, "{irradiance} against {expected}");
     }

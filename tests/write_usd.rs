@@ -2,8 +2,8 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use lumel::load::{self, Source, usd::UsdSource};
-use lumel::post::vertex::CornerColors;
 use lumel::post::Quantity;
+use lumel::post::vertex::CornerColors;
 use lumel::scene::{
     Environment, Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TextureSlot, TriangleOrigin,
 };

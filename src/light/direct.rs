@@ -11,13 +11,13 @@ use super::polygon::{Polygon, Source};
 use super::tree::Cluster;
 use crate::Result;
 use crate::color::{Rgb, luminance};
+use crate::contour::point_to_polygon;
 use crate::patch::{Footprint, Ground, SurfacePoint, unocclude::Exposure};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::cosine_hemisphere_pdf;
 use crate::scene::Scene;
 use crate::trace::{Ray, Segment, Tracer};
-use crate::contour::point_to_polygon;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -166,10 +166,7 @@ fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) -> L
     // The far end is moved off the emitter to the side that the receiver sees.
     let side = if polygon.normal.dot(towards) <= 0.0 { polygon.normal } else { -polygon.normal };
     Link {
-        segment: Segment {
-            from: tracer.off_surface(point.position, point.normal),
-            to: tracer.off_surface(to, side),
-        },
+        segment: Segment { from: tracer.off_surface(point.position, point.normal), to: tracer.off_surface(to, side) },
         towards,
         transport: kernel * cos,
         shown: if cos > 0.0 { kernel * point.shading.dot(towards).max(0.0) } else { 0.0 },
@@ -320,8 +317,8 @@ fn sampled_cluster(
         let mut blocked = [false];
         tracer.occluded(&[link.segment], &mut blocked);
         if !blocked[0] {
-            let value = polygon.radiance_towards(scene, to, -link.towards)
-                * (polygon.area / (probability * samples as f32));
+            let value =
+                polygon.radiance_towards(scene, to, -link.towards) * (polygon.area / (probability * samples as f32));
             sum[0] += value * link.transport;
             sum[1] += value * link.shown;
             if matches!(polygon.source, Source::Light { .. }) {

@@ -211,7 +211,7 @@ fn cylinder(world_from_unit: Affine3A) -> Vec<[Vec3; 4]> {
                 let a = TAU * k as f32 / n;
                 world_from_unit.transform_point3(Vec3::new(x, a.cos() * grow, a.sin() * grow))
             };
-            let quad = [rim(k, -1.0), rim(k, 1.0), rim(k + 1, 1.0), rim(k + 1, -1.0)];
+            let quad = [rim(k, -1.0), rim(k + 1, -1.0), rim(k + 1, 1.0), rim(k, 1.0)];
             if mirrored { [quad[0], quad[3], quad[2], quad[1]] } else { quad }
         })
         .collect()

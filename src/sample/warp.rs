@@ -9,11 +9,8 @@ pub fn disc(u: [f32; 2]) -> Vec2 {
     if v == Vec2::ZERO {
         return Vec2::ZERO;
     }
-    let (r, theta) = if v.x.abs() > v.y.abs() {
-        (v.x, FRAC_PI_4 * (v.y / v.x))
-    } else {
-        (v.y, FRAC_PI_2 - FRAC_PI_4 * (v.x / v.y))
-    };
+    let (r, theta) =
+        if v.x.abs() > v.y.abs() { (v.x, FRAC_PI_4 * (v.y / v.x)) } else { (v.y, FRAC_PI_2 - FRAC_PI_4 * (v.x / v.y)) };
     r * Vec2::new(theta.cos(), theta.sin())
 }
 

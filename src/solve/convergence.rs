@@ -30,7 +30,8 @@ impl Convergence {
         let mut group = Vec::with_capacity(elements.len());
         let (mut current, mut members) = (0u32, 0);
         for e in 0..elements.len() {
-            let same = e == 0 || elements.surface[e] == elements.surface[e - 1] && elements.back[e] == elements.back[e - 1];
+            let same =
+                e == 0 || elements.surface[e] == elements.surface[e - 1] && elements.back[e] == elements.back[e - 1];
             // Small surfaces beyond the limit share the last group.
             if e > 0 && (!same || members >= size) && (current as usize) < MOST_GROUPS - 1 {
                 current += 1;

@@ -3,4 +3,4 @@
 pub mod convergence;
 pub mod progressive;
 
-pub use progressive::{SolveParams, Solution, solve};
+pub use progressive::{Solution, SolveParams, solve};

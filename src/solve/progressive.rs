@@ -117,9 +117,7 @@ pub fn solve(
         residual,
         unshot: shooting.unshot_power().iter().sum(),
         inflow,
-        rays: rows.segments
-            + n as u64 * u64::from(params.probe_rays)
-            + backs.iter().map(|b| b.rays).sum::<u64>(),
+        rays: rows.segments + n as u64 * u64::from(params.probe_rays) + backs.iter().map(|b| b.rays).sum::<u64>(),
     })
 }
 

@@ -55,9 +55,8 @@ impl Shear {
         let mut v = a[0] * c[1] - a[1] * c[0];
         let mut w = b[0] * a[1] - b[1] * a[0];
         if u == 0.0 || v == 0.0 || w == 0.0 {
-            let exact = |p: f32, q: f32, r: f32, s: f32| {
-                (f64::from(p) * f64::from(q) - f64::from(r) * f64::from(s)) as f32
-            };
+            let exact =
+                |p: f32, q: f32, r: f32, s: f32| (f64::from(p) * f64::from(q) - f64::from(r) * f64::from(s)) as f32;
             u = exact(c[0], b[1], c[1], b[0]);
             v = exact(a[0], c[1], a[1], c[0]);
             w = exact(b[0], a[1], b[1], a[0]);

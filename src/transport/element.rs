@@ -129,9 +129,9 @@ impl Elements {
                 (sum / area.max(f64::MIN_POSITIVE)).as_vec3()
             };
             let centre = mean(&|i| patches.position[i]);
-            let far = members.iter().map(|&i| {
-                patches.position[i as usize].distance(centre) + (0.5 * patches.area[i as usize]).sqrt()
-            });
+            let far = members
+                .iter()
+                .map(|&i| patches.position[i as usize].distance(centre) + (0.5 * patches.area[i as usize]).sqrt());
             all.radius.push(far.fold(0.0, f32::max));
             all.area.push(area as f32);
             all.centre.push(centre);

@@ -49,7 +49,13 @@ pub struct FormFactor {
 }
 
 /// The form factor from element `i` to element `j`.
-pub fn form_factor(elements: &Elements, ground: &crate::patch::Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
+pub fn form_factor(
+    elements: &Elements,
+    ground: &crate::patch::Ground,
+    i: usize,
+    j: usize,
+    effort: &Effort,
+) -> FormFactor {
     if elements.are_near(i, j) {
         hemisphere::form_factor(elements, ground, i, j, effort)
     } else {

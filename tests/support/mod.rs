@@ -151,15 +151,8 @@ pub fn bake(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Baked {
         &Silent,
     )
     .unwrap();
-    let lightmap = finish(
-        atlas,
-        &patches,
-        &exposure,
-        &gathered.irradiance,
-        &reflectance,
-        &emission,
-        Quantity::Outgoing,
-    );
+    let lightmap =
+        finish(atlas, &patches, &exposure, &gathered.irradiance, &reflectance, &emission, Quantity::Outgoing);
     let whole = energy::Bake {
         ground: &ground,
         exposure: &exposure,
