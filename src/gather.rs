@@ -24,8 +24,6 @@ use std::f32::consts::PI;
 pub struct GatherParams {
     /// Rays a texel, 2..=65536.
     pub samples: u32,
-    /// Interreflections: at 0 nothing but the sky is gathered.
-    pub max_bounces: Option<u32>,
 }
 
 /// Irradiance of every patch.
@@ -45,14 +43,40 @@ pub struct Gathered {
 }
 
 /// What patches send out, as hits read it [lm/m^2].
-struct Sources<'a> {
+pub struct Sources<'a> {
     elements: &'a Elements,
     front: Vec<Rgb>,
     /// Empty where no surface is double-sided.
     back: Vec<Rgb>,
 }
 
-impl Sources<'_> {
+impl<'a> Sources<'a> {
+    /// A patch's own direct light and albedo with its element's interreflected light; nothing where no bounce is wanted.
+    pub fn new(
+        reflectance: &Reflectance,
+        direct: &Direct,
+        elements: &'a Elements,
+        solution: &Solution,
+        max_bounces: Option<u32>,
+    ) -> Self {
+        let n = reflectance.0.len();
+        if max_bounces == Some(0) {
+            return Self { elements, front: vec![Rgb::ZERO; n], back: Vec::new() };
+        }
+        let of = |e: u32| if e == NONE { Rgb::ZERO } else { solution.irradiance[e as usize] };
+        let front = |i: usize| match elements.front_of[i] {
+            NONE => Rgb::ZERO,
+            e => reflectance.0[i] * (direct.transport[i] + of(e)),
+        };
+        let back = |i: usize| reflectance.0[i] * of(elements.back_of[i]);
+        let has_backs = elements.back.iter().any(|b| *b);
+        Self {
+            elements,
+            front: (0..n).map(front).collect(),
+            back: if has_backs { (0..n).map(back).collect() } else { Vec::new() },
+        }
+    }
+
     /// What a hit reads; `None` on black backs and buried texels.
     fn under(&self, ground: &Ground, hit: &Hit) -> Option<Rgb> {
         let patch = ground.patch_under(hit)?;
@@ -79,17 +103,14 @@ pub fn gather(
     ground: &Ground,
     exposure: &Exposure,
     lights: &Lights,
-    reflectance: &Reflectance,
+    sources: &Sources,
     direct: &Direct,
     direct_params: &DirectParams,
-    elements: &Elements,
-    solution: &Solution,
     params: &GatherParams,
     progress: &dyn Progress,
 ) -> Result<Gathered> {
     let patches = ground.patches;
     progress.begin("gather", patches.len() as u64);
-    let sources = sources(reflectance, direct, elements, solution, params);
     let collected: Vec<Collected> = (0..patches.len())
         .into_par_iter()
         .map(|i| {
@@ -100,7 +121,7 @@ pub fn gather(
             if exposure.is_buried(i) {
                 return Ok(Collected::default());
             }
-            Ok(collect(ground, exposure, lights, direct_params, &sources, params.samples, i))
+            Ok(collect(ground, exposure, lights, direct_params, sources, params.samples, i))
         })
         .collect::<Result<_>>()?;
     let mut sky_inflow = glam::DVec3::ZERO;
@@ -127,37 +148,6 @@ pub fn gather(
 impl Collected {
     fn mean(&self) -> Rgb {
         0.5 * (self.halves[0] + self.halves[1])
-    }
-}
-
-fn sources<'a>(
-    reflectance: &Reflectance,
-    direct: &Direct,
-    elements: &'a Elements,
-    solution: &Solution,
-    params: &GatherParams,
-) -> Sources<'a> {
-    let n = reflectance.0.len();
-    if params.max_bounces == Some(0) {
-        return Sources { elements, front: vec![Rgb::ZERO; n], back: Vec::new() };
-    }
-    let read = |of: &[u32], i: usize| match of[i] {
-        NONE => Rgb::ZERO,
-        e => solution.irradiance[e as usize],
-    };
-    let front = |i: usize| match elements.front_of[i] {
-        NONE => Rgb::ZERO,
-        _ => reflectance.0[i] * (direct.transport[i] + read(&elements.front_of, i)),
-    };
-    let has_backs = elements.back.iter().any(|b| *b);
-    Sources {
-        elements,
-        front: (0..n).map(front).collect(),
-        back: if has_backs {
-            (0..n).map(|i| reflectance.0[i] * read(&elements.back_of, i)).collect()
-        } else {
-            Vec::new()
-        },
     }
 }
 

@@ -1,7 +1,7 @@
 //! Lumel bakes lightmaps: it reads a USD or glTF scene, gives it lightmap UVs, solves the radiosity equation over the
 //! texels, and writes EXR pages, glTF and USD that hold the light.
 //!
-//! [`pipeline::bake`] does all of it and is where to start to read.
+//! [`pipeline::bake`] does all of it and is where to start to read; [`illuminate::illuminate`] is the part for scenes in memory.
 
 pub mod color;
 pub mod compare;
@@ -10,6 +10,7 @@ pub mod energy;
 pub mod error;
 pub mod folder;
 pub mod gather;
+pub mod illuminate;
 pub mod inspect;
 pub mod light;
 pub mod load;

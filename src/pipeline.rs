@@ -1,23 +1,16 @@
-//! The data's way, in order: load, unwrap, rasterize, direct, solve, gather, post, write.
+//! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, solve, gather, post), write.
 
-use crate::energy::{self, balance};
 use crate::error::{Error, Result, Warnings};
 use crate::folder;
-use crate::gather::gather;
-use crate::light::{Lights, direct};
+use crate::illuminate::illuminate;
 use crate::load::{self, Loaded, image};
-use crate::patch::unocclude::unocclude;
-use crate::patch::{Ground, rasterize, reflectance::reflectance};
-use crate::post::{self, Lightmap, vertex::corner_colors};
+use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Environment;
 use crate::settings::Settings;
-use crate::solve::solve;
-use crate::trace::Tracer;
-use crate::transport::Elements;
 use crate::unwrap::{self, Atlas};
-use crate::write::{Baked, dump::Dump};
+use crate::write::Baked;
 use std::path::Path;
 
 pub use crate::report::Report;
@@ -29,80 +22,24 @@ pub use crate::report::Report;
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
     let (mut report, loaded) = open(scene, folder, settings, &clock)?;
-    let scene = &loaded.scene;
-    if !scene.has_light() {
+    if !loaded.scene.has_light() {
         let message = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE";
         return Err(Error::invalid(loaded.path().display(), message));
     }
     let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
-    let dump = Dump::new(settings.dump_stages.as_deref());
-
-    let tracer = Tracer::new(scene);
-    let patches = rasterize(scene, &atlas, &tracer, &clock)?;
-    let ground = Ground { scene, atlas: &atlas, tracer: &tracer, patches: &patches };
-    let (reflectance, emission) = reflectance(&ground, &clock)?;
-    let exposure = unocclude(&ground, settings.seed, &clock)?;
-    dump.patches("normal", &ground, |i| patches.normal[i])?;
-    dump.patches("albedo", &ground, |i| reflectance.0[i])?;
-    dump.patches("emission", &ground, |i| emission.0[i])?;
-    dump.patches("exposure", &ground, |i| exposure.share(i))?;
-
-    let lights = Lights::new(scene);
-    let direct_params = settings.direct_params();
-    let direct = direct(&ground, &lights, &exposure, &direct_params, &clock)?;
-    dump.patches("direct", &ground, |i| direct.shown[i])?;
-
-    let elements = Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let solution = solve(&elements, &ground, &lights, &direct, &direct_params, &settings.solve_params(), &clock)?;
-    dump.patches("solution", &ground, |i| elements.read(&solution.irradiance, i))?;
-
-    let gathered = gather(
-        &ground,
-        &exposure,
-        &lights,
-        &reflectance,
-        &direct,
-        &direct_params,
-        &elements,
-        &solution,
-        &settings.gather_params(),
-        &clock,
-    )?;
-    dump.patches("indirect", &ground, |i| gathered.indirect[i])?;
-
-    clock.begin("post", 0);
-    let lightmap = post::dilate::finish(
-        &atlas,
-        &patches,
-        &exposure,
-        &gathered.irradiance,
-        &reflectance,
-        &emission,
-        settings.quantity,
-    );
-
-    report.texels = patches.len();
-    report.buried_texels = exposure.buried_count();
-    report.rays = exposure.rays + direct.rays + solution.rays + gathered.rays;
-    report.noise = gathered.noise;
+    let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
+    report.texels = lit.patches.len();
+    report.buried_texels = lit.exposure.buried_count();
+    report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
+    report.noise = lit.gathered.noise;
     report.solver = SolverReport {
-        elements: elements.len(),
-        shots: solution.shots,
-        residual: solution.residual,
-        unshot: solution.unshot,
+        elements: lit.elements.len(),
+        shots: lit.solution.shots,
+        residual: lit.solution.residual,
+        unshot: lit.solution.unshot,
     };
-    let bake = energy::Bake {
-        ground: &ground,
-        exposure: &exposure,
-        reflectance: &reflectance,
-        emission: &emission,
-        direct: &direct,
-        elements: &elements,
-        solution: &solution,
-        gathered: &gathered,
-    };
-    report.energy = balance(&bake, &lightmap, !settings.float);
-    finish(&loaded, &atlas, Some(&lightmap), folder, settings, &clock, report)
+    report.energy = lit.energy;
+    finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
 }
 
 /// Makes lightmap UVs for the scene file `scene` and writes them into the folder `folder`, without light.

@@ -93,14 +93,11 @@ impl Report {
     /// The result in a few lines for people.
     pub fn summary(&self) -> Vec<String> {
         let pages: Vec<String> = self.pages.iter().map(|p| format!("{} x {}", p.width, p.height)).collect();
-        let mut lines = vec![format!(
-            "{} texels at {:.4} texels/m on {} page(s): {}",
-            self.texels,
-            self.density,
-            pages.len(),
-            pages.join(", ")
-        )];
-        if self.solver.elements > 0 {
+        let is_lit = self.solver.elements > 0;
+        let what = if is_lit { format!("{} texels", self.texels) } else { format!("{} surfaces", self.surfaces.len()) };
+        let (count, sizes) = (pages.len(), pages.join(", "));
+        let mut lines = vec![format!("{what} at {:.4} texels/m on {count} page(s): {sizes}", self.density)];
+        if is_lit {
             lines.push(format!(
                 "noise {:.2} %, residual {:.3} %, energy balance {:+.3} %",
                 100.0 * self.noise,

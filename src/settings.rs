@@ -214,7 +214,7 @@ impl Settings {
 
     /// The final gather's parameters.
     pub fn gather_params(&self) -> GatherParams {
-        GatherParams { samples: self.gather_samples(), max_bounces: self.max_bounces }
+        GatherParams { samples: self.gather_samples() }
     }
 
     /// The GLBs to write.

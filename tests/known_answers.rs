@@ -196,7 +196,7 @@ fn zero_bounces_leave_direct_light_alone() {
     assert!(baked.gathered.indirect.iter().all(|e| *e == Rgb::ZERO));
     let one = bake_quads(&quads, 8, &Settings { max_bounces: Some(1), ..draft() });
     let all = bake_quads(&quads, 8, &draft());
-    let sum = |b: &support::Baked| b.gathered.irradiance.iter().map(|e| e.x).sum::<f32>();
+    let sum = |b: &lumel::illuminate::Illuminated| b.gathered.irradiance.iter().map(|e| e.x).sum::<f32>();
     assert!(sum(&baked) < sum(&one) && sum(&one) < sum(&all));
 }
 

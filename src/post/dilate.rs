@@ -6,6 +6,9 @@ use crate::patch::{Emission, NONE, Patches, Reflectance, unocclude::Exposure};
 use crate::unwrap::Atlas;
 use std::f32::consts::PI;
 
+/// Rounds of averaging over filled buried texels.
+const SMOOTHING_ROUNDS: usize = 16;
+
 /// A page while it is being filled.
 struct Canvas {
     size: [usize; 2],
@@ -34,7 +37,8 @@ pub fn finish(
     };
     let mut canvases = paint(atlas, patches, value, |i| !exposure.is_buried(i));
     for canvas in &mut canvases {
-        canvas.spread(usize::MAX, true);
+        let buried = canvas.spread(usize::MAX, true);
+        canvas.smooth(&buried);
         canvas.spread(atlas.padding as usize, false);
     }
     Lightmap { pages: canvases.into_iter().map(Canvas::into_page).collect(), quantity }
@@ -78,10 +82,11 @@ fn paint(
 
 impl Canvas {
     /// Fills, ring by ring and `rings` wide, the texels next to filled ones with their mean: those of charts from their own
-    /// chart alone, or those of the gutter.
-    fn spread(&mut self, rings: usize, within_charts: bool) {
+    /// chart alone, or those of the gutter. Returns the texels it filled.
+    fn spread(&mut self, rings: usize, within_charts: bool) -> Vec<usize> {
         let is_wanted = |canvas: &Self, t: usize| !canvas.filled[t] && (canvas.chart[t] != NONE) == within_charts;
-        let mut open: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
+        let wanted: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
+        let mut open = wanted.clone();
         for _ in 0..rings {
             let found: Vec<(usize, Rgb)> = open.iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
             if found.is_empty() {
@@ -92,6 +97,17 @@ impl Canvas {
                 self.filled[t] = true;
             }
             open.retain(|&t| !self.filled[t]);
+        }
+        wanted.into_iter().filter(|&t| self.filled[t]).collect()
+    }
+
+    /// Evens out what the rings left as streaks: nobody sees the middle of a buried region, but mip levels read it.
+    fn smooth(&mut self, texels: &[usize]) {
+        for _ in 0..SMOOTHING_ROUNDS {
+            let means: Vec<Rgb> = texels.iter().map(|&t| self.mean_around(t).unwrap_or(self.rgb[t])).collect();
+            for (&t, mean) in texels.iter().zip(means) {
+                self.rgb[t] = mean;
+            }
         }
     }
 

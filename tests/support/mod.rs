@@ -3,19 +3,10 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use lumel::color::Rgb;
-use lumel::energy::{self, EnergyBalance, balance};
-use lumel::gather::{Gathered, gather};
-use lumel::light::{Direct, Lights, direct};
-use lumel::patch::reflectance::reflectance;
-use lumel::patch::unocclude::{Exposure, unocclude};
-use lumel::patch::{Emission, Ground, Patches, Reflectance, rasterize};
-use lumel::post::{Lightmap, Quantity, dilate::finish};
+use lumel::illuminate::{Illuminated, illuminate};
 use lumel::progress::Silent;
 use lumel::scene::{Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin};
 use lumel::settings::{Normals, Settings};
-use lumel::solve::{Solution, solve};
-use lumel::trace::Tracer;
-use lumel::transport::Elements;
 use lumel::unwrap::{Atlas, MeshUvs, Placement};
 
 /// A parallelogram from `corner` along `u` and `v`; its front is the side of `u x v`.
@@ -111,64 +102,13 @@ pub fn atlas(count: usize, texels: u32) -> Atlas {
     }
 }
 
-/// Everything a bake of a scene in memory comes to.
-pub struct Baked {
-    pub patches: Patches,
-    pub exposure: Exposure,
-    pub reflectance: Reflectance,
-    pub emission: Emission,
-    pub direct: Direct,
-    pub elements: Elements,
-    pub solution: Solution,
-    pub gathered: Gathered,
-    pub lightmap: Lightmap,
-    pub energy: EnergyBalance,
-}
-
 /// Bakes `scene` laid out by `atlas`.
-pub fn bake(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Baked {
-    let tracer = Tracer::new(scene);
-    let patches = rasterize(scene, atlas, &tracer, &Silent).unwrap();
-    let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
-    let (reflectance, emission) = reflectance(&ground, &Silent).unwrap();
-    let exposure = unocclude(&ground, settings.seed, &Silent).unwrap();
-    let lights = Lights::new(scene);
-    let direct_params = settings.direct_params();
-    let direct = direct(&ground, &lights, &exposure, &direct_params, &Silent).unwrap();
-    let elements = Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let params = settings.solve_params();
-    let solution = solve(&elements, &ground, &lights, &direct, &direct_params, &params, &Silent).unwrap();
-    let gathered = gather(
-        &ground,
-        &exposure,
-        &lights,
-        &reflectance,
-        &direct,
-        &direct_params,
-        &elements,
-        &solution,
-        &settings.gather_params(),
-        &Silent,
-    )
-    .unwrap();
-    let lightmap =
-        finish(atlas, &patches, &exposure, &gathered.irradiance, &reflectance, &emission, Quantity::Outgoing);
-    let whole = energy::Bake {
-        ground: &ground,
-        exposure: &exposure,
-        reflectance: &reflectance,
-        emission: &emission,
-        direct: &direct,
-        elements: &elements,
-        solution: &solution,
-        gathered: &gathered,
-    };
-    let energy = balance(&whole, &lightmap, true);
-    Baked { patches, exposure, reflectance, emission, direct, elements, solution, gathered, lightmap, energy }
+pub fn bake(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Illuminated {
+    illuminate(scene, atlas, settings, &Silent).unwrap()
 }
 
 /// Bakes quads at `texels` along each side.
-pub fn bake_quads(quads: &[Quad], texels: u32, settings: &Settings) -> Baked {
+pub fn bake_quads(quads: &[Quad], texels: u32, settings: &Settings) -> Illuminated {
     bake(&scene(quads), &atlas(quads.len(), texels), settings)
 }
 
