@@ -11,30 +11,11 @@ pub const MOST_CORNERS: usize = 32;
 /// The share of the cosine-weighted hemisphere around `normal` (unit) at `position` that the planar polygon `corners` covers:
 /// 0..=1, whatever its winding. The polygon has 3 to [`MOST_CORNERS`] corners; a point in its plane sees 0.
 pub fn point_to_polygon(position: Vec3, normal: Vec3, corners: &[Vec3]) -> f32 {
-    let count = corners.len();
-    assert!((3..=MOST_CORNERS).contains(&count), "a polygon has 3 to {MOST_CORNERS} corners, not {count}");
-    // Clipped at the horizon a convex polygon gains one corner at most; others can gain one for each pair.
-    let mut clipped = [Vec3::ZERO; 2 * MOST_CORNERS];
-    let mut kept = 0;
-    for (k, &corner) in corners.iter().enumerate() {
-        let p = corner - position;
-        let q = corners[(k + 1) % count] - position;
-        let (hp, hq) = (p.dot(normal), q.dot(normal));
-        if hp >= 0.0 {
-            clipped[kept] = p;
-            kept += 1;
-        }
-        if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
-            clipped[kept] = p + (q - p) * (hp / (hp - hq));
-            kept += 1;
-        }
-    }
-    if kept < 3 {
-        return 0.0;
-    }
+    let clipped = above_horizon(position, normal, corners);
+    let clipped = clipped.corners();
     let mut sum = 0.0f64;
-    for k in 0..kept {
-        let (p, q) = (clipped[k].as_dvec3(), clipped[(k + 1) % kept].as_dvec3());
+    for (k, corner) in clipped.iter().enumerate() {
+        let (p, q) = (corner.as_dvec3(), clipped[(k + 1) % clipped.len()].as_dvec3());
         let cross = p.cross(q);
         let length = cross.length();
         // Edges through the point add nothing: their plane is not defined, and its limit has no height over the horizon.
@@ -43,6 +24,43 @@ pub fn point_to_polygon(position: Vec3, normal: Vec3, corners: &[Vec3]) -> f32 {
         }
     }
     ((sum / std::f64::consts::TAU).abs() as f32).min(1.0)
+}
+
+/// The part of a polygon above a point's horizon.
+pub struct Clipped {
+    corners: [Vec3; 2 * MOST_CORNERS],
+    count: usize,
+}
+
+impl Clipped {
+    /// Corners relative to the point [m]; none where less than a triangle is left.
+    pub fn corners(&self) -> &[Vec3] {
+        if self.count < 3 { &[] } else { &self.corners[..self.count] }
+    }
+}
+
+/// Clips the polygon `corners` (3 to [`MOST_CORNERS`]) at the horizon of a point.
+pub fn above_horizon(position: Vec3, normal: Vec3, corners: &[Vec3]) -> Clipped {
+    let count = corners.len();
+    assert!((3..=MOST_CORNERS).contains(&count), "a polygon has 3 to {MOST_CORNERS} corners, not {count}");
+    // A convex polygon gains one corner at most; others can gain one for each pair.
+    let mut clipped = Clipped { corners: [Vec3::ZERO; 2 * MOST_CORNERS], count: 0 };
+    let mut keep = |p: Vec3| {
+        clipped.corners[clipped.count] = p;
+        clipped.count += 1;
+    };
+    for (k, &corner) in corners.iter().enumerate() {
+        let p = corner - position;
+        let q = corners[(k + 1) % count] - position;
+        let (hp, hq) = (p.dot(normal), q.dot(normal));
+        if hp >= 0.0 {
+            keep(p);
+        }
+        if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
+            keep(p + (q - p) * (hp / (hp - hq)));
+        }
+    }
+    clipped
 }
 
 #[cfg(test)]

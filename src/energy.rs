@@ -3,6 +3,9 @@
 //! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
 //! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
 //! by no texel; their part comes from the solution over elements.
+//!
+//! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
+//! balance says less than with geometric normals.
 
 use crate::gather::Gathered;
 use crate::light::Direct;
@@ -89,7 +92,12 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
 /// The irradiance that a page's texel says [lx].
 fn written_irradiance(lightmap: &Lightmap, [page, texel]: [u32; 2], rho: DVec3, emittance: DVec3, half: bool) -> DVec3 {
     let value = lightmap.pages[page as usize].rgb[texel as usize];
-    let value = if half { value.to_array().map(|v| half::f16::from_f32(v).to_f32()).into() } else { value }.as_dvec3();
+    let value = if half {
+        value.to_array().map(|v| half::f16::from_f32(v.min(half::f16::MAX.to_f32())).to_f32()).into()
+    } else {
+        value
+    }
+    .as_dvec3();
     match lightmap.quantity {
         Quantity::Outgoing => value * PI,
         Quantity::Irradiance => value,

@@ -94,9 +94,19 @@ impl Warnings {
         }
     }
 
-    /// Appends the warnings of another stage.
+    /// Appends the warnings of another stage; what was said of a place before is not said again.
     pub fn extend(&mut self, other: Warnings) {
-        self.0.extend(other.0);
+        for warning in other.0 {
+            match self.0.iter_mut().find(|w| w.message == warning.message) {
+                None => self.0.push(warning),
+                Some(known) if known.places == warning.places && known.count == warning.count => {}
+                Some(known) => {
+                    known.count += warning.count;
+                    let room = Self::PLACES.saturating_sub(known.places.len());
+                    known.places.extend(warning.places.into_iter().take(room));
+                }
+            }
+        }
     }
 
     /// The warnings in order.

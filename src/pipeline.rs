@@ -4,16 +4,20 @@ use crate::error::{Error, Result, Warnings};
 use crate::folder;
 use crate::illuminate::illuminate;
 use crate::load::{self, Loaded, image};
+use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Environment;
 use crate::settings::Settings;
 use crate::unwrap::{self, Atlas};
-use crate::write::Baked;
+use crate::write::{Baked, output::Staging};
 use std::path::Path;
 
 pub use crate::report::Report;
+
+/// The share of the light that may be missing or too much before a bake is called into question.
+const MOST_IMBALANCE: f64 = 0.02;
 
 /// Bakes the scene file `scene` into the folder `folder`.
 ///
@@ -39,7 +43,24 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         unshot: lit.solution.unshot,
     };
     report.energy = lit.energy;
+    for material in too_white(&loaded.scene) {
+        report.warnings.add(&material.name, format!("an albedo above {MOST_ALBEDO} was baked as {MOST_ALBEDO}"));
+    }
+    warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
+}
+
+/// Says where a bake should not be trusted as it is.
+fn warn_of_doubts(report: &mut Report, settings: &Settings) {
+    let residual = settings.solve_params().residual;
+    if settings.max_bounces.is_none() && report.solver.residual > residual {
+        let message = "the solver stopped before it converged; albedos this high keep light for very long";
+        report.warnings.add(format!("residual {:.2} %", 100.0 * report.solver.residual), message);
+    }
+    if report.energy.imbalance.abs() > MOST_IMBALANCE {
+        let message = "the energy balance does not close: look at the pages, and try a higher density or quality";
+        report.warnings.add(format!("balance {:+.1} %", 100.0 * report.energy.imbalance), message);
+    }
 }
 
 /// Makes lightmap UVs for the scene file `scene` and writes them into the folder `folder`, without light.
@@ -59,6 +80,13 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
     refuse_other_bake(scene, folder, settings.overwrite)?;
     clock.begin("load", 0);
     let mut loaded = load::load(scene)?;
+    // A folder that can't be written is found out now, not after hours of work.
+    Staging::new(folder)?;
+    if let Some(own) =
+        loaded.scene.environment.as_ref().filter(|_| settings.sky.is_some() || settings.environment.is_some())
+    {
+        loaded.warnings.add(&own.name, "the scene's own sky was replaced by the one that was asked for");
+    }
     if let Some(sky) = settings.sky {
         loaded.scene.environment = Some(Environment::constant("--sky", sky.into()));
     }

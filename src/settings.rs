@@ -107,10 +107,10 @@ impl Quality {
             delta_samples,
         };
         match self {
-            Self::Draft => preset(64, 512, 256, 0.2, 8, 2),
-            Self::Medium => preset(256, 1536, 512, 0.1, 16, 4),
-            Self::High => preset(512, 3072, 1024, 0.1, 32, 4),
-            Self::Production => preset(1024, 6144, 1024, 0.05, 64, 8),
+            Self::Draft => preset(64, 512, 256, 0.2, 8, 4),
+            Self::Medium => preset(256, 1536, 512, 0.1, 16, 8),
+            Self::High => preset(512, 3072, 1024, 0.1, 32, 8),
+            Self::Production => preset(1024, 6144, 1024, 0.05, 64, 16),
         }
     }
 
@@ -144,7 +144,7 @@ impl Settings {
         within("page-size", self.page_size, 16, 16384)?;
         within("max-pages", self.max_pages, 1, 1024)?;
         within("padding", self.padding, 1, 64)?;
-        within("max-bounces", self.max_bounces, 0, 1000)?;
+        within("max-bounces", self.max_bounces, 0, 100)?;
         within("samples", self.samples, 1, 65536)?;
         within("threads", self.threads, 1, 1024)?;
         if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
@@ -207,6 +207,7 @@ impl Settings {
             relative_error: preset.form_factor_error,
             // The mean form factor of a closed scene, and a few times that: most light comes over larger ones.
             floor: 4.0 / preset.elements as f32,
+            first_samples: 4,
             most_samples: 256,
         };
         SolveParams { probe_rays: preset.probe_rays, effort, max_bounces: self.max_bounces, residual: RESIDUAL }

@@ -47,29 +47,26 @@ fn modules_import_only_lower_ranks() {
         }
         let rank = *ranks.get(&module).unwrap_or_else(|| panic!("{module} has no rank in src/README.md"));
         let text = std::fs::read_to_string(&file).unwrap();
-        for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with("//")) {
-            for import in imported(line) {
-                match ranks.get(&import) {
-                    Some(_) if import == module => {}
-                    Some(other) if *other < rank => {}
-                    Some(other) => offences.push(format!(
-                        "{}:{}: {module} ({rank}) imports {import} ({other})",
-                        relative.display(),
-                        number + 1
-                    )),
-                    // A type or alias that the crate's root re-exports.
-                    None => {}
+        let code: Vec<&str> = text.lines().filter(|l| !l.trim_start().starts_with("//")).collect();
+        for import in imported(&code.join("\n")) {
+            match ranks.get(&import) {
+                Some(_) if import == module => {}
+                Some(other) if *other < rank => {}
+                Some(other) => {
+                    offences.push(format!("{}: {module} ({rank}) imports {import} ({other})", relative.display()));
                 }
+                // A type or alias that the crate's root re-exports.
+                None => {}
             }
         }
     }
     assert!(offences.is_empty(), "imports against the ranks:\n{}", offences.join("\n"));
 }
 
-/// The top-level modules that a line names behind `crate::`, a brace list included.
-fn imported(line: &str) -> Vec<String> {
+/// The top-level modules that a text names behind `crate::`, brace lists over several lines included.
+fn imported(text: &str) -> Vec<String> {
     let mut found = Vec::new();
-    for rest in line.split("crate::").skip(1) {
+    for rest in text.split("crate::").skip(1) {
         if let Some(list) = rest.strip_prefix('{') {
             let list = list.split('}').next().unwrap_or("");
             found.extend(list.split(',').map(|item| name(item.trim())));

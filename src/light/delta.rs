@@ -1,11 +1,12 @@
-//! Lights without an area: points, spots and suns.
+//! Lights that are found by one direction at a time: points, spots, suns and balls.
 
+use super::polygon::ball;
 use crate::color::Rgb;
 use crate::sample::warp::{cap, frame};
 use crate::scene::{Light, LightShape, Shaping};
 use glam::Vec3;
 
-/// A point, spot or directional light.
+/// A point, spot, directional or ball-shaped light.
 #[derive(Clone, Debug)]
 pub struct DeltaLight {
     shape: LightShape,
@@ -19,33 +20,60 @@ pub struct Arrival {
     pub towards: Vec3,
     /// Distance to the light [m], infinite for a sun.
     pub distance: f32,
-    /// Illuminance of a plane that faces the light [lx].
+    /// Illuminance of a plane that faces that way [lx]; of a light with a disc as if all of it lay there.
     pub illuminance: Rgb,
 }
 
 impl DeltaLight {
-    /// `None` for lights with an area.
+    /// `None` for lights that are polygons.
     pub fn new(light: &Light) -> Option<Self> {
-        use LightShape::{Directional, Point, Spot};
-        matches!(light.shape, Point { .. } | Spot { .. } | Directional { .. })
-            .then(|| Self { shape: light.shape.clone(), shaping: light.shaping })
+        let is_ours = match &light.shape {
+            LightShape::Point { .. } | LightShape::Spot { .. } | LightShape::Directional { .. } => true,
+            LightShape::Sphere { world_from_unit, .. } => ball(world_from_unit).is_some(),
+            LightShape::Rect { .. } | LightShape::Disk { .. } | LightShape::Cylinder { .. } => false,
+        };
+        is_ours.then(|| Self { shape: light.shape.clone(), shaping: light.shaping })
     }
 
-    /// True where the light has a disc, so that several directions must be tried.
+    /// True where the light has an extent, so that several directions must be tried.
     pub fn is_soft(&self) -> bool {
-        matches!(self.shape, LightShape::Directional { angle, .. } if angle > 0.0)
+        match self.shape {
+            LightShape::Directional { angle, .. } => angle > 0.0,
+            LightShape::Sphere { .. } => true,
+            _ => false,
+        }
     }
 
-    /// What arrives at `position`; `u` in the unit square picks the place on a sun's disc. `None` where nothing can.
+    /// What arrives at `position`; `u` in the unit square picks the place on a sun's or ball's disc. `None` where nothing can.
     pub fn arrive(&self, position: Vec3, u: [f32; 2]) -> Option<Arrival> {
         match &self.shape {
             LightShape::Directional { direction, illuminance, angle } => {
-                let mut towards = -*direction;
-                if *angle > 0.0 {
-                    // The disc has one radiance, so the illuminance is that of the direction at its middle for each of them.
-                    towards = frame(towards) * cap(u, (0.5 * angle).cos());
+                if *angle <= 0.0 {
+                    return Some(Arrival { towards: -*direction, distance: f32::INFINITY, illuminance: *illuminance });
                 }
-                Some(Arrival { towards, distance: f32::INFINITY, illuminance: *illuminance })
+                // Directions over the disc meet a plane that faces its middle at a mean cosine of (1 + cos) / 2; of discs wider
+                // than a hemisphere the part behind that plane adds nothing.
+                let cos = (0.5 * angle.min(std::f32::consts::TAU)).cos();
+                let whole = if cos >= 0.0 { 2.0 / (1.0 + cos) } else { 2.0 * (1.0 - cos) };
+                let towards = frame(-*direction) * cap(u, cos);
+                Some(Arrival { towards, distance: f32::INFINITY, illuminance: *illuminance * whole })
+            }
+            LightShape::Sphere { world_from_unit, radiance } => {
+                let (centre, radius) = ball(world_from_unit)?;
+                let way = centre - position;
+                let distance = way.length();
+                if distance <= radius {
+                    return None;
+                }
+                let sin = radius / distance;
+                // 1 - cos without cancellation for a small ball far away.
+                let height = sin * sin / (1.0 + (1.0 - sin * sin).max(0.0).sqrt());
+                let towards = frame(way / distance) * cap(u, 1.0 - height);
+                let along = towards.dot(way);
+                let half_chord = (radius * radius - (distance * distance - along * along)).max(0.0).sqrt();
+                let factor = self.shaping.map_or(Rgb::ONE, |s| s.factor(-towards));
+                let illuminance = *radiance * factor * (std::f32::consts::TAU * height);
+                Some(Arrival { towards, distance: along - half_chord, illuminance })
             }
             LightShape::Point { position: at, intensity, range } => {
                 let mut arrival = from_point(*at, *intensity, *range, position)?;

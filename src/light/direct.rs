@@ -72,6 +72,8 @@ pub struct Receiver<'a> {
     pub sequence: Sequence,
 }
 
+/// Shadow samples that a polygon or cluster gets at least.
+const LEAST_SAMPLES: u32 = 2;
 /// Points over which the unoccluded irradiance of a polygon is averaged.
 const ANALYTIC_POINTS: u32 = 4;
 /// How often the first shadow samples are taken again where they disagree: polygons, and delta lights.
@@ -157,6 +159,7 @@ struct Link {
     shown: f32,
 }
 
+/// The link to the point `to` of a polygon, for each unit of area there.
 fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) -> Link {
     let way = to - point.position;
     let square = way.length_squared().max(f32::MIN_POSITIVE);
@@ -196,7 +199,7 @@ fn from_polygons(
     let weights: Vec<[f32; 2]> = cut
         .iter()
         .map(|cluster| match cluster {
-            Cluster::Polygon(p) => unoccluded(&tree.polygons[*p], &points, params.shading_normals),
+            Cluster::Polygon(p) => unoccluded(tracer, &tree.polygons[*p], &points, params.shading_normals),
             Cluster::Node(n) => [tree.estimate(*n, receiver.position); 2],
         })
         .collect();
@@ -210,7 +213,7 @@ fn from_polygons(
             continue;
         }
         let share = if total > 0.0 { brightness(k) / total } else { 1.0 };
-        let samples = ((params.polygon_samples as f32 * share).ceil() as u32).max(1);
+        let samples = ((params.polygon_samples as f32 * share).ceil() as u32).max(LEAST_SAMPLES);
         let draw = |index: u32| receiver.sequence.point(index, 1 + k as u32);
         let (arrived, rays, is_light) = match cluster {
             Cluster::Polygon(p) => {
@@ -234,10 +237,12 @@ fn from_polygons(
 }
 
 /// pi times the mean form factor of a polygon over `points`, about the geometric and the shading normals.
-fn unoccluded(polygon: &Polygon, points: &[SurfacePoint], shading_normals: bool) -> [f32; 2] {
+fn unoccluded(tracer: &Tracer, polygon: &Polygon, points: &[SurfacePoint], shading_normals: bool) -> [f32; 2] {
     let mut sum = [0.0f32; 2];
     for point in points {
-        if polygon.two_sided || (point.position - polygon.centre).dot(polygon.normal) > 0.0 {
+        // A point in the polygon's own plane sees nothing of it, whatever side rounding puts it on.
+        let height = (point.position - polygon.centre).dot(polygon.normal);
+        if height > tracer.offset() || (polygon.two_sided && height < -tracer.offset()) {
             let f = point_to_polygon(point.position, point.normal, &polygon.corners);
             sum[0] += f;
             sum[1] += if shading_normals && point.shading != point.normal {
@@ -262,19 +267,21 @@ fn visible_polygon(
 ) -> ([Rgb; 2], u64) {
     let (mut seen, mut whole) = ([Rgb::ZERO; 2], [0.0f32; 2]);
     let mut taken = 0;
-    let mut visible = 0;
+    let (mut visible, mut facing) = (0, 0);
     let (mut links, mut segments, mut blocked) = (Vec::new(), Vec::new(), Vec::new());
     for end in [samples, samples * POLYGON_REFINEMENT] {
-        // Samples below the horizon say nothing about what is seen above it.
-        if taken > 0 && whole[0] > 0.0 && (visible == 0 || visible == taken) {
+        if facing > 0 && (visible == 0 || visible == facing) {
             break;
         }
         links.clear();
         segments.clear();
         for index in taken..end {
             let [x, y, s, t] = draw(index);
-            let to = polygon.sample([s, t]);
-            let link = link(tracer, &(receiver.sample)([x, y]), polygon, to);
+            let point = (receiver.sample)([x, y]);
+            let Some((to, area)) = polygon.sample_above(point.position, point.normal, [s, t]) else { continue };
+            let mut link = link(tracer, &point, polygon, to);
+            link.transport *= area;
+            link.shown *= area;
             segments.push(link.segment);
             links.push((link, to));
         }
@@ -284,7 +291,8 @@ fn visible_polygon(
         for ((link, to), blocked) in links.iter().zip(&blocked) {
             whole[0] += link.transport;
             whole[1] += link.shown;
-            if !blocked {
+            facing += u32::from(link.transport > 0.0);
+            if !blocked && link.transport > 0.0 {
                 visible += 1;
                 let radiance = polygon.radiance_towards(scene, *to, -link.towards);
                 seen[0] += radiance * link.transport;

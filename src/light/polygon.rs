@@ -1,8 +1,9 @@
 //! Everything that shines over an area, as polygons of one radiance each.
 //!
-//! Disks are 32-gons, spheres geodesic and cylinders prismatic, each scaled so that its area, and with it its power, is exact.
+//! Disks are 32-gons, ellipsoids geodesic and cylinders prismatic, each scaled so that its area, and with it its power, is exact.
 
 use crate::color::Rgb;
+use crate::contour::above_horizon;
 use crate::patch::reflectance::emission_at;
 use crate::sample::warp::triangle;
 use crate::scene::{LightShape, Scene, Shaping};
@@ -74,7 +75,8 @@ pub fn polygons(scene: &Scene) -> Vec<Polygon> {
                 };
                 push((0..DISK_CORNERS).map(corner).collect(), *radiance);
             }
-            LightShape::Sphere { world_from_unit, radiance } => {
+            // A round one is a light of its own, see `super::delta`.
+            LightShape::Sphere { world_from_unit, radiance } if ball(world_from_unit).is_none() => {
                 for t in sphere(*world_from_unit) {
                     push(t.to_vec(), *radiance);
                 }
@@ -84,7 +86,10 @@ pub fn polygons(scene: &Scene) -> Vec<Polygon> {
                     push(q.to_vec(), *radiance);
                 }
             }
-            LightShape::Point { .. } | LightShape::Spot { .. } | LightShape::Directional { .. } => {}
+            LightShape::Sphere { .. }
+            | LightShape::Point { .. }
+            | LightShape::Spot { .. }
+            | LightShape::Directional { .. } => {}
         }
     }
     all
@@ -108,19 +113,18 @@ impl Polygon {
 
     /// A point uniform over the area.
     pub fn sample(&self, u: [f32; 2]) -> Vec3 {
-        let o = self.corners[0];
-        let fans = self.corners.len() - 2;
-        // Fans of a disk are not of one size, so choose by area; for triangles and parallelograms this is exact at once.
-        let fan_area = |k: usize| 0.5 * (self.corners[k] - o).cross(self.corners[k + 1] - o).length();
-        let mut at = u[0] * self.area;
-        let mut k = 1;
-        while k < fans && at >= fan_area(k) {
-            at -= fan_area(k);
-            k += 1;
+        sample_fan(&self.corners, self.area, u)
+    }
+
+    /// A point uniform over the part above the horizon of a receiver, and that part's area [m^2]; `None` where nothing is.
+    pub fn sample_above(&self, position: Vec3, normal: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+        if self.corners.iter().all(|c| (*c - position).dot(normal) >= 0.0) {
+            return Some((self.sample(u), self.area));
         }
-        let u0 = (at / fan_area(k).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
-        let w = triangle([u0, u[1]]);
-        o + (self.corners[k] - o) * w.x + (self.corners[k + 1] - o) * w.y
+        let clipped = above_horizon(position, normal, &self.corners);
+        let (o, rest) = clipped.corners().split_first()?;
+        let area = 0.5 * rest.windows(2).map(|w| (w[0] - *o).cross(w[1] - *o)).sum::<Vec3>().length();
+        (area > 0.0).then(|| (position + sample_fan(clipped.corners(), area, u), area))
     }
 
     /// The cosine at which light leaves along the unit vector `direction`; 0 on the dark side.
@@ -152,6 +156,21 @@ impl Polygon {
     }
 }
 
+/// A point uniform over the convex polygon `corners` of `area`.
+fn sample_fan(corners: &[Vec3], area: f32, u: [f32; 2]) -> Vec3 {
+    let o = corners[0];
+    let fan_area = |k: usize| 0.5 * (corners[k] - o).cross(corners[k + 1] - o).length();
+    let mut at = u[0] * area;
+    let mut k = 1;
+    while k < corners.len() - 2 && at >= fan_area(k) {
+        at -= fan_area(k);
+        k += 1;
+    }
+    let u0 = (at / fan_area(k).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    let w = triangle([u0, u[1]]);
+    o + (corners[k] - o) * w.x + (corners[k + 1] - o) * w.y
+}
+
 /// Mean of the textured emission of a triangle, by a grid of 16 x 16 points.
 fn mean_emission(scene: &Scene, surface: usize, t: usize) -> Rgb {
     const SIDE: usize = 16;
@@ -164,6 +183,15 @@ fn mean_emission(scene: &Scene, surface: usize, t: usize) -> Rgb {
         }
     }
     sum / (SIDE * SIDE) as f32
+}
+
+/// Centre and radius [m] of the unit sphere under a transform that keeps it round, to 0.1 %.
+pub fn ball(world_from_unit: &Affine3A) -> Option<(Vec3, f32)> {
+    let axes = [world_from_unit.matrix3.x_axis, world_from_unit.matrix3.y_axis, world_from_unit.matrix3.z_axis];
+    let radius = axes[0].length();
+    let alike = axes.iter().all(|a| (a.length() - radius).abs() <= 1e-3 * radius);
+    let square = [(0, 1), (1, 2), (2, 0)].iter().all(|&(i, j)| axes[i].dot(axes[j]).abs() <= 1e-3 * radius * radius);
+    (alike && square && radius > 0.0).then(|| (world_from_unit.translation.into(), radius))
 }
 
 /// The triangles of an ellipsoid, outward.

@@ -10,13 +10,17 @@ use crate::scene::{Material, Mesh, Scene, TextureSlot};
 use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 
-/// Diffuse albedo of each patch, 0..=1.
+/// Diffuse albedo of each patch, 0..=[`MOST_ALBEDO`].
 #[derive(Clone, Debug)]
 pub struct Reflectance(pub Vec<Rgb>);
 
 /// Radiance that each patch emits from its front [nit]; M = pi L.
 #[derive(Clone, Debug)]
 pub struct Emission(pub Vec<Rgb>);
+
+/// The highest albedo that is baked. Between surfaces that absorb nothing light never dies out; fresh snow and the whitest
+/// paints reach this, and glTF's default material, which says 1, means nothing of the kind.
+pub const MOST_ALBEDO: f32 = 0.97;
 
 /// Texture look-ups along one side of a piece, at most: 16 x 16 of them average a footprint of any size well enough.
 const MOST_SAMPLES_A_SIDE: u32 = 16;
@@ -52,7 +56,7 @@ fn average(ground: &Ground, i: usize) -> (Rgb, Rgb) {
     let (mesh, index) = material_of(first.0);
     let material = &scene.materials[index as usize];
     if is_plain(mesh, material) && rest.iter().all(|p| material_of(p.0).1 == index) {
-        return (material.albedo.clamp(Rgb::ZERO, Rgb::ONE), material.emission);
+        return (bounded(material.albedo), material.emission);
     }
     let footprint = ground.footprint(i);
     let (mut albedo, mut emission, mut area) = (Rgb::ZERO, Rgb::ZERO, 0.0);
@@ -111,7 +115,7 @@ fn look_up(scene: &Scene, mesh: &Mesh, triangle: usize, slot: &TextureSlot, at: 
     scene.textures[slot.texture].sample(uv, slot.wrap) * slot.scale + slot.bias
 }
 
-/// Diffuse albedo at a point of a triangle, 0..=1.
+/// Diffuse albedo at a point of a triangle, 0..=[`MOST_ALBEDO`].
 pub fn albedo_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
     let material = &scene.materials[mesh.triangle_material[triangle] as usize];
     let mut albedo = material.albedo;
@@ -122,7 +126,19 @@ pub fn albedo_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
         let [a, b, c] = mesh.triangles[triangle].map(|v| mesh.colors[v as usize].truncate());
         albedo *= a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
     }
-    albedo.clamp(Rgb::ZERO, Rgb::ONE)
+    bounded(albedo)
+}
+
+fn bounded(albedo: Rgb) -> Rgb {
+    albedo.clamp(Rgb::ZERO, Rgb::splat(MOST_ALBEDO))
+}
+
+/// The materials of `scene` that are whiter than [`MOST_ALBEDO`] where no texture darkens them.
+pub fn too_white(scene: &Scene) -> impl Iterator<Item = &Material> {
+    let used: std::collections::BTreeSet<u32> =
+        scene.surfaces.iter().flat_map(|s| scene.meshes[s.mesh].triangle_material.iter().copied()).collect();
+    let materials = used.into_iter().map(|m| &scene.materials[m as usize]);
+    materials.filter(|m| m.albedo_texture.is_none() && m.albedo.max_element() > MOST_ALBEDO)
 }
 
 /// Emitted radiance at a point of a triangle [nit].

@@ -85,10 +85,10 @@ impl Canvas {
     /// chart alone, or those of the gutter. Returns the texels it filled.
     fn spread(&mut self, rings: usize, within_charts: bool) -> Vec<usize> {
         let is_wanted = |canvas: &Self, t: usize| !canvas.filled[t] && (canvas.chart[t] != NONE) == within_charts;
-        let wanted: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
-        let mut open = wanted.clone();
+        let mut border: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
+        let mut all = Vec::new();
         for _ in 0..rings {
-            let found: Vec<(usize, Rgb)> = open.iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
+            let found: Vec<(usize, Rgb)> = border.iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
             if found.is_empty() {
                 break;
             }
@@ -96,9 +96,13 @@ impl Canvas {
                 self.rgb[t] = value;
                 self.filled[t] = true;
             }
-            open.retain(|&t| !self.filled[t]);
+            // The next ring lies around this one.
+            border = found.iter().flat_map(|&(t, _)| self.around(t)).filter(|&t| is_wanted(self, t)).collect();
+            border.sort_unstable();
+            border.dedup();
+            all.extend(found.into_iter().map(|f| f.0));
         }
-        wanted.into_iter().filter(|&t| self.filled[t]).collect()
+        all
     }
 
     /// Evens out what the rings left as streaks: nobody sees the middle of a buried region, but mip levels read it.
@@ -111,19 +115,23 @@ impl Canvas {
         }
     }
 
-    /// Mean of the filled neighbours, those along edges twice; for a chart's texel of its own chart alone.
-    fn mean_around(&self, t: usize) -> Option<Rgb> {
+    /// The texel and its up to eight neighbours.
+    fn around(&self, t: usize) -> impl Iterator<Item = usize> + use<> {
         let [w, h] = self.size;
         let (x, y) = (t % w, t / w);
+        let columns = x.saturating_sub(1)..(x + 2).min(w);
+        (y.saturating_sub(1)..(y + 2).min(h)).flat_map(move |ny| columns.clone().map(move |nx| ny * w + nx))
+    }
+
+    /// Mean of the filled neighbours, those along edges twice; for a chart's texel of its own chart alone.
+    fn mean_around(&self, t: usize) -> Option<Rgb> {
+        let w = self.size[0];
         let (mut sum, mut weight) = (Rgb::ZERO, 0.0);
-        for ny in y.saturating_sub(1)..(y + 2).min(h) {
-            for nx in x.saturating_sub(1)..(x + 2).min(w) {
-                let n = ny * w + nx;
-                if self.filled[n] && (self.chart[t] == NONE || self.chart[n] == self.chart[t]) {
-                    let k = if nx == x || ny == y { 2.0 } else { 1.0 };
-                    sum += self.rgb[n] * k;
-                    weight += k;
-                }
+        for n in self.around(t) {
+            if self.filled[n] && (self.chart[t] == NONE || self.chart[n] == self.chart[t]) {
+                let k = if n % w == t % w || n / w == t / w { 2.0 } else { 1.0 };
+                sum += self.rgb[n] * k;
+                weight += k;
             }
         }
         (weight > 0.0).then(|| sum / weight)

@@ -8,7 +8,7 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::light::direct::{Arriving, DirectParams, Receiver, arrive};
 use crate::light::{Direct, Lights};
-use crate::patch::Ground;
+use crate::patch::{Ground, Reflectance};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::transport::hemisphere::{Probe, probe};
@@ -49,7 +49,7 @@ pub struct Solution {
 /// How often the direct light of a back is estimated: as an element is larger than a texel, so often more.
 const BACK_SAMPLES: usize = 8;
 
-/// Sweeps of gathering after the last shot: enough to bring a furnace within 0.3 % at every element.
+/// Sweeps of gathering after the last shot: enough to bring a furnace within half a percent at every element.
 const POLISHING_SWEEPS: u32 = 3;
 
 /// Shots after which the work is given up, for each element: it never comes to this unless albedos reach 1.
@@ -63,6 +63,7 @@ pub fn solve(
     elements: &Elements,
     ground: &Ground,
     lights: &Lights,
+    reflectance: &Reflectance,
     direct: &Direct,
     direct_params: &DirectParams,
     params: &SolveParams,
@@ -72,7 +73,7 @@ pub fn solve(
     let n = elements.len();
     let probes = probe(elements, ground, lights, direct_params, params.probe_rays, progress)?;
     let backs = light_on_backs(elements, ground, lights, direct_params, progress)?;
-    let start = starting_irradiance(elements, ground, direct, &probes, &backs);
+    let start = starting_radiosity(elements, ground, reflectance, direct, &probes, &backs);
     let mut inflow = glam::DVec3::ZERO;
     for e in 0..n {
         if elements.back[e] {
@@ -84,7 +85,7 @@ pub fn solve(
     let mut convergence = Convergence::new(elements);
     let check_every = (n as u64 / 8).max(32);
     let mut shots = 0;
-    let mut residual = 0.0;
+    let mut residual = f64::INFINITY;
     while let Some(i) = shooting.brightest() {
         progress.check()?;
         if shots % check_every == 0 {
@@ -100,11 +101,11 @@ pub fn solve(
         shots += 1;
         progress.advance(1);
     }
-    if shots % check_every != 0 {
+    if residual > params.residual || shots % check_every != 0 {
         residual = convergence.remaining(&shooting.unshot_power(), &shooting.reflected_power(&start));
     }
     let received = if params.max_bounces.is_none() {
-        polish(elements, &probes, &start, std::mem::take(&mut shooting.received))
+        polish(elements, &rows, &start, std::mem::take(&mut shooting.received))
     } else {
         // A sweep would add a bounce.
         std::mem::take(&mut shooting.received)
@@ -121,12 +122,19 @@ pub fn solve(
     })
 }
 
-/// Ends the work with a few sweeps of gathering along the probes' rays. Their shares add up to what lands, exactly, while the
-/// columns that an element received from do so but for the noise of each form factor; each sweep damps that noise.
-fn polish(elements: &Elements, probes: &[Probe], start: &[Rgb], mut received: Vec<Rgb>) -> Vec<Rgb> {
+/// Ends the work with sweeps of gathering along the rows that were computed for shooting. What an element received by columns
+/// adds up to what lands but for the noise of each form factor; along its own row it does so exactly, as rows are scaled to.
+fn polish(elements: &Elements, rows: &Rows, start: &[Rgb], mut received: Vec<Rgb>) -> Vec<Rgb> {
     for _ in 0..POLISHING_SWEEPS {
-        let sent: Vec<Rgb> = (0..elements.len()).map(|e| elements.albedo[e] * (start[e] + received[e])).collect();
-        received = probes.iter().map(|p| p.landed.iter().map(|&(j, share)| sent[j as usize] * share).sum()).collect();
+        let sent: Vec<Rgb> = (0..elements.len()).map(|e| start[e] + elements.albedo[e] * received[e]).collect();
+        received = (0..elements.len())
+            .into_par_iter()
+            .map(|e| match rows.computed(e) {
+                Some(row) => row.values.iter().zip(&sent).map(|(&f, &b)| b * f).sum::<Rgb>() * row.scale,
+                // It never had anything to send: what it receives is next to nothing, or its albedo is.
+                None => received[e],
+            })
+            .collect();
     }
     received
 }
@@ -154,7 +162,8 @@ fn light_on_backs(
                 let receiver = Receiver {
                     sample: &|u| elements.kept_point(e, (u[0] * count as f32) as u32),
                     position: elements.centre[e],
-                    normal: elements.kept_point(e, 0).normal,
+                    // Its points face several ways: no light may be left out for lying behind one of them.
+                    normal: glam::Vec3::ZERO,
                     radius: elements.radius[e],
                     sequence: Sequence::new(params.seed, Stage::Direct, (1 << 40) + (e * BACK_SAMPLES + k) as u64),
                 };
@@ -168,10 +177,12 @@ fn light_on_backs(
         .collect()
 }
 
-/// E0 of each element: the mean of its patches' direct light, and the sky.
-fn starting_irradiance(
+/// The first light that each element sends on, rho E0 [lm/m^2]: the mean over its patches of albedo times direct light, and the
+/// sky's.
+fn starting_radiosity(
     elements: &Elements,
     ground: &Ground,
+    reflectance: &Reflectance,
     direct: &Direct,
     probes: &[Probe],
     backs: &[Arriving],
@@ -179,13 +190,15 @@ fn starting_irradiance(
     (0..elements.len())
         .map(|e| {
             if elements.back[e] {
-                return probes[e].sky + backs[e].transport;
+                return elements.albedo[e] * (probes[e].sky + backs[e].transport);
             }
             let mut sum = glam::DVec3::ZERO;
             for &i in elements.members(e) {
-                sum += direct.transport[i as usize].as_dvec3() * f64::from(ground.patches.area[i as usize]);
+                let i = i as usize;
+                let sent = reflectance.0[i] * direct.transport[i];
+                sum += sent.as_dvec3() * f64::from(ground.patches.area[i]);
             }
-            probes[e].sky + (sum / f64::from(elements.area[e]).max(f64::MIN_POSITIVE)).as_vec3()
+            elements.albedo[e] * probes[e].sky + (sum / f64::from(elements.area[e]).max(f64::MIN_POSITIVE)).as_vec3()
         })
         .collect()
 }
@@ -208,7 +221,7 @@ impl<'a> Shooting<'a> {
         let mut unshot = vec![vec![Rgb::ZERO; n]; levels];
         if let Some(first) = unshot.first_mut() {
             for (e, value) in first.iter_mut().enumerate() {
-                *value = elements.albedo[e] * start[e];
+                *value = start[e];
             }
         }
         Self { elements, received: vec![Rgb::ZERO; n], unshot, endless: max_bounces.is_none() }
@@ -263,11 +276,11 @@ impl<'a> Shooting<'a> {
             .collect()
     }
 
-    /// Power that each element sends out so far [lm], luminance: rho (E0 + received) A.
+    /// Power that each element sends out so far [lm], luminance: (rho E0 + rho received) A.
     fn reflected_power(&self, start: &[Rgb]) -> Vec<f64> {
         (0..self.elements.len())
             .map(|e| {
-                let b = self.elements.albedo[e] * (start[e] + self.received[e]);
+                let b = start[e] + self.elements.albedo[e] * self.received[e];
                 f64::from(crate::color::luminance(b)) * f64::from(self.elements.area[e])
             })
             .collect()

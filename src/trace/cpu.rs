@@ -96,6 +96,11 @@ impl Tracer {
         self.first[surface] + triangle as u32
     }
 
+    /// The distance by which [`Tracer::off_surface`] moves a point [m]: what lies nearer than this lies in one plane.
+    pub fn offset(&self) -> f32 {
+        self.offset
+    }
+
     /// A ray origin (or segment end) for a surface point, moved off the surface to the side that `normal` (unit) points to.
     pub fn off_surface(&self, position: Vec3, normal: Vec3) -> Vec3 {
         position + normal * self.offset
@@ -125,6 +130,16 @@ impl Tracer {
         for (ray, blocked) in rays.iter().zip(blocked) {
             *blocked = self.any_within(ray.origin, ray.direction, f32::INFINITY);
         }
+    }
+
+    /// Calls `visit(triangle, back)` for every triangle along a ray, in no order.
+    pub fn crossings(&self, ray: &Ray, mut visit: impl FnMut(u32, bool)) {
+        let shear = Shear::new(ray.origin, ray.direction);
+        self.bvh.ray_traverse_anyhit(self.box_ray(ray.origin, ray.direction, f32::INFINITY), |_, leaf| {
+            if let Some(crossing) = shear.intersect(&self.corners[leaf]) {
+                visit(self.number[leaf], !crossing.front);
+            }
+        });
     }
 
     fn closest_one(&self, ray: &Ray) -> Option<Hit> {

@@ -6,9 +6,6 @@ use crate::patch::Ground;
 use crate::trace::Segment;
 use std::f64::consts::PI;
 
-/// Samples before the first look at the error.
-const FIRST_SAMPLES: u32 = 2;
-
 /// The form factor from element `i` to `j`, which must not touch.
 ///
 /// Symmetric: `A_i F_ij` comes out the same for (j, i), so a caller computes each pair once.
@@ -17,7 +14,7 @@ pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, eff
     let area = f64::from(elements.area[j]);
     let (mut sum, mut squares) = (0.0f64, 0.0f64);
     let mut taken = 0u32;
-    let mut end = FIRST_SAMPLES;
+    let mut end = effort.first_samples.clamp(2, effort.most_samples.max(2));
     let (mut segments, mut kernels, mut blocked) = (Vec::new(), Vec::new(), Vec::new());
     let mut rays = 0;
     loop {
@@ -47,7 +44,7 @@ pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, eff
         let mean = sum / n;
         let error = ((squares / n - mean * mean).max(0.0) / (n - 1.0)).sqrt();
         // All samples at nought say that the pair doesn't see itself: as far as can be told, to the tolerance.
-        let enough = if sum == 0.0 { taken >= 2 * FIRST_SAMPLES } else { error <= effort.tolerance(mean) };
+        let enough = if sum == 0.0 { taken >= 2 * effort.first_samples } else { error <= effort.tolerance(mean) };
         if enough || taken >= effort.most_samples {
             return FormFactor { value: mean, error, samples: rays };
         }

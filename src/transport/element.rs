@@ -196,7 +196,12 @@ impl Elements {
         if !self.back[e] {
             footprint.restrict(self.cells[patch]);
         }
-        let mut point = footprint.sample([x, y]);
+        let mut point = if footprint.is_empty() {
+            let (position, normal) = (ground.patches.position[patch], ground.patches.normal[patch]);
+            SurfacePoint { position, normal, shading: normal }
+        } else {
+            footprint.sample([x, y])
+        };
         if self.back[e] {
             point.normal = -point.normal;
             point.shading = -point.shading;
@@ -221,8 +226,9 @@ impl Elements {
     }
 }
 
-/// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes. Surfaces large enough for a cluster
-/// of their own don't share one: the inside of a lamp and the inside of the ceiling above it have nothing in common.
+/// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes. Regions large enough for a cluster of
+/// their own don't share one: the inside of a lamp and of the ceiling above it have nothing in common, nor have the floors on
+/// either side of a wall.
 fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>> {
     let all = ground.patches;
     let way = |i: u32| {
@@ -237,13 +243,14 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>
         };
         2 * axis + usize::from(n[axis] < 0.0)
     };
-    let mut surface_area = vec![0.0f64; ground.scene.surfaces.len()];
+    let region = regions(ground, &patches);
+    let mut region_area = vec![0.0f64; all.len()];
     for &i in &patches {
-        surface_area[all.surface[i as usize] as usize] += f64::from(all.area[i as usize]);
+        region_area[region[i as usize] as usize] += f64::from(all.area[i as usize]);
     }
-    let large = surface_area.iter().sum::<f64>() / count.max(1) as f64;
-    let owner = |i: u32| match all.surface[i as usize] {
-        s if surface_area[s as usize] >= large => s,
+    let large = region_area.iter().sum::<f64>() / count.max(1) as f64;
+    let owner = |i: u32| match region[i as usize] {
+        r if region_area[r as usize] >= large => r,
         _ => NONE,
     };
     patches.sort_by_key(|&i| (owner(i), way(i), i));
@@ -284,4 +291,39 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>
         }
     }
     heap.into_iter().chain(done).map(|b| patches[b.range].to_vec()).collect()
+}
+
+/// The connected region of its chart that each of `patches` belongs to, named by its first patch; the patches that are missing
+/// (buried ones) keep regions apart.
+fn regions(ground: &Ground, patches: &[u32]) -> Vec<u32> {
+    let all = ground.patches;
+    let mut parent = vec![NONE; all.len()];
+    for &i in patches {
+        parent[i as usize] = i;
+    }
+    fn root(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    for &i in patches {
+        let [page, texel] = all.texel[i as usize];
+        let [width, height] = ground.atlas.pages[page as usize];
+        let (x, y) = (texel % width, texel / width);
+        let right = (x + 1 < width).then_some(texel + 1);
+        let below = (y + 1 < height).then_some(texel + width);
+        for neighbour in [right, below].into_iter().flatten() {
+            let Some(j) = all.at(page as usize, neighbour as usize) else { continue };
+            if parent[j] != NONE && all.chart[j] == all.chart[i as usize] {
+                let (a, b) = (root(&mut parent, i), root(&mut parent, j as u32));
+                parent[a.max(b) as usize] = a.min(b);
+            }
+        }
+    }
+    for &i in patches {
+        parent[i as usize] = root(&mut parent, i);
+    }
+    parent
 }

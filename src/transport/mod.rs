@@ -2,8 +2,8 @@
 //!
 //! `F_ij = 1/A_i * integral over A_i, A_j of cos cos V / (pi r^2)`. Pairs that are far apart for their size are found by Monte
 //! Carlo area sampling ([`area`]); near and touching ones, where that kernel is singular, by hemisphere sampling
-//! ([`hemisphere`]), which has no singularity and the visibility built in. Both are unbiased, so the border between them is a
-//! matter of noise alone.
+//! ([`hemisphere`]), which has no singularity and the visibility built in. They estimate the same, so the border between them
+//! is a matter of noise.
 
 pub mod area;
 pub mod element;
@@ -20,6 +20,9 @@ pub struct Effort {
     pub relative_error: f32,
     /// Form factors below this are wanted to `relative_error * floor` absolutely: what is small need not be exact.
     pub floor: f32,
+    /// Samples before the first look at the error, at least 2. A pair whose first samples agree is believed, so fewer of them
+    /// make small occluders count for less.
+    pub first_samples: u32,
     /// Samples a pair gets at most; a power of two, 2..=65536.
     pub most_samples: u32,
 }
@@ -27,7 +30,7 @@ pub struct Effort {
 impl Default for Effort {
     /// For one form factor on its own: 0.2 %.
     fn default() -> Self {
-        Self { relative_error: 0.002, floor: 0.0, most_samples: 1 << 16 }
+        Self { relative_error: 0.002, floor: 0.0, first_samples: 32, most_samples: 1 << 16 }
     }
 }
 

@@ -41,6 +41,11 @@ impl<'a> Rows<'a> {
         self.rows[i].as_ref().expect("computed above")
     }
 
+    /// The row of element `i` where it has been asked for.
+    pub fn computed(&self, i: usize) -> Option<&Row> {
+        self.rows[i].as_ref()
+    }
+
     fn compute(&self, i: usize) -> (Row, u64) {
         let pairs: Vec<(f32, u32)> =
             (0..self.elements.len()).into_par_iter().with_min_len(32).map(|j| self.pair(i, j)).collect();
