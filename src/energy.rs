@@ -2,7 +2,7 @@
 //!
 //! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
 //! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
-//! by no texel; their part comes from the solution over elements.
+//! by no texel; their part comes from the solution over elements. Parts of texels that lie inside other geometry don't count.
 //!
 //! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
 //! balance says less than with geometric normals.
@@ -51,7 +51,7 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
     let (mut emitted, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
     let mut backs = DVec3::ZERO;
     for i in 0..patches.len() {
-        let area = f64::from(patches.area[i]);
+        let (area, whole) = (f64::from(bake.exposure.area[i]), f64::from(patches.area[i]));
         let rho = bake.reflectance.0[i].as_dvec3();
         let emittance = PI * bake.emission.0[i].as_dvec3();
         emitted += area * emittance;
@@ -66,8 +66,8 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
         escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
         let back = bake.elements.back_of[i];
         if back != crate::patch::NONE {
-            emitted += area * emittance;
-            escaped += area * (1.0 - f64::from(bake.solution.landed_share[back as usize])) * emittance;
+            emitted += whole * emittance;
+            escaped += whole * (1.0 - f64::from(bake.solution.landed_share[back as usize])) * emittance;
         }
     }
     for e in (0..bake.elements.len()).filter(|&e| bake.elements.back[e]) {

@@ -127,13 +127,13 @@ pub fn gather(
     let mut sky_inflow = glam::DVec3::ZERO;
     let (mut squares, mut sum) = (0.0f64, 0.0f64);
     for (i, c) in collected.iter().enumerate() {
-        let area = f64::from(patches.area[i]);
+        let area = f64::from(exposure.area[i]);
         sky_inflow += c.sky.as_dvec3() * area;
         let error = 0.5 * f64::from(crate::color::luminance(c.halves[0] - c.halves[1]));
         squares += error * error * area;
         sum += f64::from(crate::color::luminance(direct.shown[i] + c.mean())) * area;
     }
-    let area: f64 = patches.area.iter().map(|a| f64::from(*a)).sum();
+    let area: f64 = exposure.area.iter().map(|a| f64::from(*a)).sum();
     let noise = if sum > 0.0 { (squares / area).sqrt() / (sum / area) } else { 0.0 };
     Ok(Gathered {
         irradiance: collected.iter().zip(&direct.shown).map(|(c, d)| *d + c.mean()).collect(),
@@ -141,7 +141,7 @@ pub fn gather(
         landed_share: collected.iter().map(|c| c.landed).collect(),
         noise,
         sky_inflow,
-        rays: u64::from(params.samples) * patches.len() as u64,
+        rays: u64::from(params.samples) * (patches.len() - exposure.buried_count()) as u64,
     })
 }
 

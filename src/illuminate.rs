@@ -52,8 +52,17 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     dump.patches("direct", &ground, |i| direct.shown[i])?;
 
     let elements = Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let solution =
-        solve(&elements, &ground, &lights, &reflectance, &direct, &direct_params, &settings.solve_params(), progress)?;
+    let solution = solve(
+        &elements,
+        &ground,
+        &exposure,
+        &lights,
+        &reflectance,
+        &direct,
+        &direct_params,
+        &settings.solve_params(),
+        progress,
+    )?;
     dump.patches("solution", &ground, |i| elements.read(&solution.irradiance, i))?;
 
     let sources = Sources::new(&reflectance, &direct, &elements, &solution, settings.max_bounces);

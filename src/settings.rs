@@ -91,7 +91,7 @@ struct Preset {
 }
 
 /// Brightness samples of a sky with a picture for each ray of the final gather.
-const SKY_RATIO: f32 = 0.25;
+const SKY_RATIO: f32 = 0.5;
 
 /// Estimated remaining change of each surface's mean radiosity, relative to it, at which the solver ends.
 const RESIDUAL: f64 = 1e-3;

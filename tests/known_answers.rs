@@ -228,3 +228,166 @@ fn a_closed_double_sided_lamp_keeps_its_energy() {
         assert!((irradiance / expected - 1.0).abs() < 0.02, "{irradiance} against {expected}");
     }
 }
+
+/// The room of `room([4, 3, 3])` built of six closed slabs that overlap at the edges.
+fn slab_room() -> Vec<Quad> {
+    let slabs = [
+        ([-0.1, -0.1, -0.1], [4.2, 0.1, 3.2]),
+        ([-0.1, 3.0, -0.1], [4.2, 0.1, 3.2]),
+        ([-0.1, -0.1, -0.1], [0.1, 3.2, 3.2]),
+        ([4.0, -0.1, -0.1], [0.1, 3.2, 3.2]),
+        ([-0.1, -0.1, -0.1], [4.2, 3.2, 0.1]),
+        ([-0.1, -0.1, 3.0], [4.2, 3.2, 0.1]),
+    ];
+    let outward = |(corner, size): ([f32; 3], [f32; 3])| {
+        room(size).into_iter().map(move |mut q| {
+            q.corner += glam::Vec3::from(corner);
+            std::mem::swap(&mut q.u, &mut q.v);
+            q.albedo(0.7)
+        })
+    };
+    slabs.into_iter().flat_map(outward).collect()
+}
+
+fn lamp(shape: LightShape) -> Light {
+    Light { name: "lamp".into(), shape, shaping: None, gltf_node: None }
+}
+
+#[test]
+fn a_room_of_overlapping_slabs_is_as_bright_as_one_box() {
+    let position = glam::Vec3::new(2.0, 2.5, 1.5);
+    let mean_of_floor = |quads: Vec<Quad>| {
+        let mut scene = scene(&quads);
+        scene.lights.push(lamp(LightShape::Point { position, intensity: Rgb::ONE, range: None }));
+        let baked = bake(&scene, &atlas(quads.len(), 48), &draft());
+        assert!(baked.energy.imbalance.abs() < 0.01, "{}", baked.energy.imbalance);
+        let inside = |i: &usize| {
+            let p = baked.patches.position[*i];
+            let in_room = p.x > 0.2 && p.x < 3.8 && p.z > 0.2 && p.z < 2.8;
+            p.y.abs() < 1e-3 && baked.patches.normal[*i].y > 0.9 && in_room
+        };
+        let floor: Vec<usize> = (0..baked.patches.len()).filter(inside).collect();
+        // The interreflected light: it varies little, so that it doesn't matter where texels lie.
+        floor.iter().map(|&i| baked.gathered.indirect[i].x).sum::<f32>() / floor.len() as f32
+    };
+    let (whole, slabs) =
+        (mean_of_floor(room([4., 3., 3.]).into_iter().map(|q| q.albedo(0.7)).collect()), mean_of_floor(slab_room()));
+    // Texels as wide as the walls are thick: a few percent is what they can do.
+    assert!((slabs / whole - 1.0).abs() < 0.03, "{slabs} against {whole}");
+}
+
+#[test]
+fn a_flat_emitter_never_lights_itself() {
+    let tilted = Quad::new([0.3, 0.1, 0.7], [0.71, 0.33, 0.12], [-0.21, 0.52, 0.83]).emission(1.0);
+    for quad in [tilted, tilted.double_sided()] {
+        let baked = bake_quads(&[quad], 32, &draft());
+        assert!(baked.gathered.irradiance.iter().all(|e| *e == Rgb::ZERO));
+    }
+}
+
+#[test]
+fn a_ball_of_light_has_its_closed_form() {
+    // pi L (r / d)^2 cos, where all of it is above the horizon.
+    let (centre, radius) = (glam::Vec3::new(0.0, 1.5, 0.0), 0.25);
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
+    let place = glam::Affine3A::from_translation(centre) * glam::Affine3A::from_scale(glam::Vec3::splat(radius));
+    scene.lights.push(lamp(LightShape::Sphere { world_from_unit: place, radiance: Rgb::ONE }));
+    let baked = bake(&scene, &atlas(1, 32), &draft());
+    for (p, e) in baked.patches.position.iter().zip(&baked.gathered.irradiance) {
+        let way = centre - *p;
+        let expected = PI * radius * radius * way.y / way.length().powi(3);
+        assert!((e.x / expected - 1.0).abs() < 0.02, "{} against {expected}", e.x);
+    }
+}
+
+#[test]
+fn a_wide_sun_gives_its_illuminance() {
+    for degrees in [0.53f32, 10.0, 60.0, 170.0] {
+        let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
+        let direction = glam::Vec3::NEG_Y;
+        scene.lights.push(lamp(LightShape::Directional {
+            direction,
+            illuminance: Rgb::ONE,
+            angle: degrees.to_radians(),
+        }));
+        let baked = bake(&scene, &atlas(1, 8), &draft());
+        let mean = baked.gathered.irradiance.iter().map(|e| e.x).sum::<f32>() / baked.patches.len() as f32;
+        assert!((mean - 1.0).abs() < 0.01, "{degrees} degrees: {mean}");
+    }
+}
+
+#[test]
+fn strips_across_the_horizon_lose_no_light() {
+    // Emissive strips that stand half below the floor's plane, with nothing in between: the floor sees their upper halves.
+    let floor = Quad::new([-0.5, 0., -0.5], [0., 0., 1.], [1., 0., 0.]).albedo(0.0);
+    let strips = |from: f32, height: f32| {
+        (0..16)
+            .map(move |i| Quad::new([-2. + 0.25 * i as f32, from, -2.], [0.25, 0., 0.], [0., height, 0.]).emission(1.0))
+    };
+    let mean = |strips: Vec<Quad>| {
+        let quads: Vec<Quad> = std::iter::once(floor).chain(strips).collect();
+        let baked = bake_quads(&quads, 8, &draft());
+        let floor: Vec<usize> = (0..baked.patches.len()).filter(|&i| baked.patches.surface[i] == 0).collect();
+        floor.iter().map(|&i| baked.gathered.irradiance[i].x).sum::<f32>() / floor.len() as f32
+    };
+    let (whole, upper) = (mean(strips(-1.0, 2.0).collect()), mean(strips(0.0, 1.0).collect()));
+    assert!((whole / upper - 1.0).abs() < 0.005, "{whole} against {upper}");
+}
+
+#[test]
+fn a_box_with_a_lamp_inside_keeps_its_inside_lit() {
+    // Double-sided, fronts outwards, as exported by default: what its floor sees are backs, and yet it is in the light.
+    let floor = Quad::new([-1., 0., -1.], [0., 0., 6.], [6., 0., 0.]);
+    let mut quads = vec![floor];
+    quads.extend(room([2., 2., 2.]).into_iter().skip(1).map(|mut q| {
+        std::mem::swap(&mut q.u, &mut q.v);
+        q.double_sided()
+    }));
+    let mut scene = scene(&quads);
+    let position = glam::Vec3::new(1.0, 1.0, 1.0);
+    scene.lights.push(lamp(LightShape::Point { position, intensity: Rgb::ONE, range: None }));
+    let baked = bake(&scene, &atlas(quads.len(), 24), &draft());
+    let inside = (0..baked.patches.len()).filter(|&i| {
+        let p = baked.patches.position[i];
+        baked.patches.surface[i] == 0 && p.x > 0.3 && p.x < 1.7 && p.z > 0.3 && p.z < 1.7
+    });
+    assert!(inside.map(|i| baked.gathered.irradiance[i].x).all(|e| e > 0.2));
+}
+
+#[test]
+fn each_bounce_in_a_furnace_adds_its_power_of_albedo() {
+    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
+    for bounces in 0..4u32 {
+        let baked = bake_quads(&quads, 8, &Settings { max_bounces: Some(bounces), ..draft() });
+        let expected = PI * (0..=bounces).map(|k| 0.5f32.powi(k as i32)).sum::<f32>();
+        let mean = baked.gathered.irradiance.iter().map(|e| e.x).sum::<f32>() / baked.patches.len() as f32;
+        assert!((mean / expected - 1.0).abs() < 0.005, "{bounces} bounces: {mean} against {expected}");
+    }
+}
+
+#[test]
+fn a_small_bright_spot_is_found_by_every_element() {
+    // A spotlight on the floor lights the room by its reflection alone; the ceiling's light must not depend on chance.
+    let mut scene = scene(&room([4., 3., 5.]));
+    scene.lights.push(lamp(LightShape::Spot {
+        position: glam::Vec3::new(1.3, 2.9, 1.7),
+        direction: glam::Vec3::NEG_Y,
+        intensity: Rgb::splat(100.0),
+        inner: 0.1,
+        outer: 0.12,
+        range: None,
+    }));
+    let atlas = atlas(6, 24);
+    let of_ceiling = |seed| {
+        let baked = bake(&scene, &atlas, &Settings { seed, ..draft() });
+        let elements = (0..baked.elements.len()).filter(|&e| baked.elements.surface[e] == 1);
+        let (sum, area) = elements.fold((0.0, 0.0), |(sum, area), e| {
+            (sum + baked.solution.irradiance[e].x * baked.elements.area[e], area + baked.elements.area[e])
+        });
+        sum / area
+    };
+    let means: Vec<f32> = (0..6).map(of_ceiling).collect();
+    let mean = means.iter().sum::<f32>() / 6.0;
+    let deviation = (means.iter().map(|m| (m - mean).powi(2)).sum::<f32>() / 5.0).sqrt();
+    assert!(deviation / mean < 0.03, "{means:?}");
+}

@@ -114,7 +114,7 @@ pub fn direct(
         })
         .collect::<Result<_>>()?;
     let mut inflow = glam::DVec3::ZERO;
-    for (a, area) in arriving.iter().zip(&patches.area) {
+    for (a, area) in arriving.iter().zip(&exposure.area) {
         inflow += a.other.as_dvec3() * f64::from(*area);
     }
     Ok(Direct {
@@ -426,7 +426,7 @@ fn from_sky(
         }
         let radiance = sky.radiance(scene, towards);
         let arrive = |cos: f32| {
-            let weight = params.sky_ratio * pdf / (params.sky_ratio * pdf + cosine_hemisphere_pdf(cos));
+            let weight = 1.0 - hemisphere_share(params.sky_ratio * pdf, cosine_hemisphere_pdf(cos));
             radiance * (cos * weight / (pdf * samples as f32))
         };
         sum.transport += arrive(cos);
@@ -435,13 +435,18 @@ fn from_sky(
     }
 }
 
+/// The power heuristic (Veach, Guibas 1995): it leaves a small sun to the brightness samples nearly alone.
+fn hemisphere_share(brightness: f32, hemisphere: f32) -> f32 {
+    let (b, h) = (brightness * brightness, hemisphere * hemisphere);
+    h / (b + h).max(f32::MIN_POSITIVE)
+}
+
 /// The weight of the sky's radiance on a ray of the gather (cosine-distributed about a normal at `cos`) that escapes
-/// along `direction`: the balance heuristic's other half.
+/// along `direction`: the other half of what brightness samples weigh.
 pub fn hemisphere_weight(lights: &Lights, params: &DirectParams, direction: Vec3, cos: f32) -> f32 {
     match &lights.sky {
         Some(sky) if sky.has_picture() && params.sky_ratio > 0.0 => {
-            let hemisphere = cosine_hemisphere_pdf(cos);
-            hemisphere / (hemisphere + params.sky_ratio * sky.pdf(direction)).max(f32::MIN_POSITIVE)
+            hemisphere_share(params.sky_ratio * sky.pdf(direction), cosine_hemisphere_pdf(cos))
         }
         _ => 1.0,
     }

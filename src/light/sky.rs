@@ -1,7 +1,7 @@
 //! The sky: radiance by direction, and sampling where its picture is bright.
 //!
 //! A constant sky is found well enough by the rays of the gather that escape. A sky with a picture is sampled by its
-//! brightness too, and the two are combined by the balance heuristic (Veach, Guibas 1995).
+//! brightness too, and the two are combined by the power heuristic (Veach, Guibas 1995).
 
 use crate::color::{Rgb, luminance};
 use crate::sample::Discrete;

@@ -27,6 +27,8 @@ const INSIDE_OUT: f64 = 0.95;
 #[derive(Clone, Debug)]
 pub struct Exposure {
     pub cells: Vec<CellMask>,
+    /// The area of each patch that is in the open [m^2]: what it receives and sends light with.
+    pub area: Vec<f32>,
     /// Rays that were traced.
     pub rays: u64,
 }
@@ -78,7 +80,9 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
         }
         start = end;
     }
-    Ok(Exposure { cells, rays })
+    let open = |(area, cells): (&f32, &CellMask)| area * cells.0.count_ones() as f32 / 16.0;
+    let area = patches.area.iter().zip(&cells).map(open).collect();
+    Ok(Exposure { cells, area, rays })
 }
 
 fn probe(ground: &Ground, i: usize, sequence: Sequence) -> (CellMask, u64) {

@@ -9,6 +9,10 @@ use std::f32::consts::PI;
 /// Rounds of averaging over filled buried texels.
 const SMOOTHING_ROUNDS: usize = 16;
 
+/// The first rings of a buried region, which bilinear look-ups beside it read, keep what they took from their own side: under a
+/// thin wall the other side is another room.
+const UNTOUCHED_RINGS: usize = 2;
+
 /// A page while it is being filled.
 struct Canvas {
     size: [usize; 2],
@@ -82,12 +86,12 @@ fn paint(
 
 impl Canvas {
     /// Fills, ring by ring and `rings` wide, the texels next to filled ones with their mean: those of charts from their own
-    /// chart alone, or those of the gutter. Returns the texels it filled.
+    /// chart alone, or those of the gutter. Returns the texels of the rings from [`UNTOUCHED_RINGS`] on.
     fn spread(&mut self, rings: usize, within_charts: bool) -> Vec<usize> {
         let is_wanted = |canvas: &Self, t: usize| !canvas.filled[t] && (canvas.chart[t] != NONE) == within_charts;
         let mut border: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
-        let mut all = Vec::new();
-        for _ in 0..rings {
+        let mut deep = Vec::new();
+        for ring in 0..rings {
             let found: Vec<(usize, Rgb)> = border.iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
             if found.is_empty() {
                 break;
@@ -100,9 +104,11 @@ impl Canvas {
             border = found.iter().flat_map(|&(t, _)| self.around(t)).filter(|&t| is_wanted(self, t)).collect();
             border.sort_unstable();
             border.dedup();
-            all.extend(found.into_iter().map(|f| f.0));
+            if ring >= UNTOUCHED_RINGS {
+                deep.extend(found.into_iter().map(|f| f.0));
+            }
         }
-        all
+        deep
     }
 
     /// Evens out what the rings left as streaks: nobody sees the middle of a buried region, but mip levels read it.

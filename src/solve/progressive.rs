@@ -8,7 +8,7 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::light::direct::{Arriving, DirectParams, Receiver, arrive};
 use crate::light::{Direct, Lights};
-use crate::patch::{Ground, Reflectance};
+use crate::patch::{Ground, Reflectance, unocclude::Exposure};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::transport::hemisphere::{Probe, probe};
@@ -62,6 +62,7 @@ const MOST_SHOTS: u64 = 2000;
 pub fn solve(
     elements: &Elements,
     ground: &Ground,
+    exposure: &Exposure,
     lights: &Lights,
     reflectance: &Reflectance,
     direct: &Direct,
@@ -73,7 +74,7 @@ pub fn solve(
     let n = elements.len();
     let probes = probe(elements, ground, lights, direct_params, params.probe_rays, progress)?;
     let backs = light_on_backs(elements, ground, lights, direct_params, progress)?;
-    let start = starting_radiosity(elements, ground, reflectance, direct, &probes, &backs);
+    let start = starting_radiosity(elements, exposure, reflectance, direct, &probes, &backs);
     let mut inflow = glam::DVec3::ZERO;
     for e in 0..n {
         if elements.back[e] {
@@ -181,7 +182,7 @@ fn light_on_backs(
 /// sky's.
 fn starting_radiosity(
     elements: &Elements,
-    ground: &Ground,
+    exposure: &Exposure,
     reflectance: &Reflectance,
     direct: &Direct,
     probes: &[Probe],
@@ -196,7 +197,7 @@ fn starting_radiosity(
             for &i in elements.members(e) {
                 let i = i as usize;
                 let sent = reflectance.0[i] * direct.transport[i];
-                sum += sent.as_dvec3() * f64::from(ground.patches.area[i]);
+                sum += sent.as_dvec3() * f64::from(exposure.area[i]);
             }
             elements.albedo[e] * probes[e].sky + (sum / f64::from(elements.area[e]).max(f64::MIN_POSITIVE)).as_vec3()
         })

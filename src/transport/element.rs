@@ -122,7 +122,8 @@ impl Elements {
             points: Vec::new(),
         };
         for (e, (back, members)) in clusters.iter().enumerate() {
-            let area_of = |&i: &u32| f64::from(patches.area[i as usize]);
+            let areas = if *back { &patches.area } else { &exposure.area };
+            let area_of = |&i: &u32| f64::from(areas[i as usize]);
             let area: f64 = members.iter().map(area_of).sum();
             let mean = |f: &dyn Fn(usize) -> Vec3| {
                 let sum: glam::DVec3 = members.iter().map(|i| f(*i as usize).as_dvec3() * area_of(i)).sum();
