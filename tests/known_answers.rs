@@ -391,3 +391,29 @@ fn a_small_bright_spot_is_found_by_every_element() {
     let deviation = (means.iter().map(|m| (m - mean).powi(2)).sum::<f32>() / 5.0).sqrt();
     assert!(deviation / mean < 0.03, "{means:?}");
 }
+
+#[test]
+fn a_small_sun_in_a_picture_of_the_sky_is_not_left_to_chance() {
+    // A dark sky with a sun of 4 x 4 texels: every texel of an open floor receives the same.
+    let mut texels = vec![[0.1f32, 0.1, 0.1, 1.0]; 64 * 32];
+    for (x, y) in (8..12).flat_map(|y| (20..24).map(move |x| (x, y))) {
+        texels[y * 64 + x] = [2000.0, 2000.0, 2000.0, 1.0];
+    }
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
+    let texels = lumel::scene::Texels::Float(texels);
+    scene.textures.push(lumel::scene::Texture { name: "sky".into(), width: 64, height: 32, texels });
+    let mut environment = Environment::constant("sky", Rgb::ONE);
+    environment.texture = Some(0);
+    scene.environment = Some(environment);
+    let baked = bake(&scene, &atlas(1, 16), &draft());
+    let values: Vec<f32> = baked.gathered.irradiance.iter().map(|e| e.x).collect();
+    let mean = values.iter().sum::<f32>() / values.len() as f32;
+    let deviation = (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / values.len() as f32).sqrt();
+    // The picture's own integral: radiance x cosine over its texels, bilinear look-ups keep it.
+    let (dx, dy) = (2.0 * PI / 64.0, PI / 32.0);
+    let row = |y: usize| ((y as f32 + 0.5) * dy, (0.5 * dy).sin() * 2.0 * dx);
+    let sun: f32 = (8..12).map(row).map(|(polar, cell)| 4.0 * cell * polar.sin() * polar.cos()).sum();
+    let expected = 0.1 * PI + 1999.9 * sun;
+    assert!(deviation / mean < 0.1, "{}", deviation / mean);
+    assert!((mean / expected - 1.0).abs() < 0.02, "{mean} against {expected}");
+}

@@ -5,12 +5,15 @@
 
 use crate::color::{Rgb, luminance};
 use crate::sample::Discrete;
-use crate::scene::{Environment, Scene};
+use crate::scene::{Environment, Scene, Texture, Wrap};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
 /// Cells of the brightness table, at most, along the equator and from pole to pole.
 const TABLE: [u32; 2] = [512, 256];
+
+/// A latlong picture closes around the horizon and ends at the poles.
+const WRAP: [Wrap; 2] = [Wrap::Repeat, Wrap::Clamp];
 
 /// The sky of a scene, ready to be sampled.
 pub struct Sky {
@@ -36,7 +39,7 @@ impl Sky {
                 let rows = span(y, size[1], picture.height);
                 for py in rows.clone() {
                     for px in span(x, size[0], picture.width) {
-                        sum += f64::from(luminance(picture.texel(px, py).truncate()).max(0.0));
+                        sum += brightness(picture, px, py);
                     }
                 }
                 let sin = (PI * (y as f32 + 0.5) / size[1] as f32).sin();
@@ -50,10 +53,9 @@ impl Sky {
 
     /// Radiance from the unit direction `d` [nit].
     pub fn radiance(&self, scene: &Scene, d: Vec3) -> Rgb {
-        let wrap = [crate::scene::Wrap::Repeat, crate::scene::Wrap::Clamp];
         match self.environment.texture {
             Some(t) => {
-                let texel = scene.textures[t].sample(self.environment.uv(d), wrap).truncate();
+                let texel = scene.textures[t].sample(self.environment.uv(d), WRAP).truncate();
                 (self.environment.radiance * texel).max(Rgb::ZERO)
             }
             None => self.environment.radiance,
@@ -86,6 +88,18 @@ impl Sky {
         let sin = (PI * uv.y).sin().max(1e-6);
         probability * (table.size[0] * table.size[1]) as f32 / (TAU * PI * sin)
     }
+}
+
+/// Mean brightness of a texel's square as it is looked up, that is with its neighbours blended in: beside a small sun that is
+/// far more than the texel itself.
+fn brightness(picture: &Texture, x: u32, y: u32) -> f64 {
+    let size = Vec2::new(picture.width as f32, picture.height as f32);
+    let quarters = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)];
+    let look_up = |(dx, dy)| {
+        let uv = Vec2::new(x as f32 + dx, y as f32 + dy) / size;
+        f64::from(luminance(picture.sample(uv, WRAP).truncate()).max(0.0))
+    };
+    quarters.into_iter().map(look_up).sum::<f64>() / 4.0
 }
 
 /// The texels of `n` that make up cell `i` of `cells`.
