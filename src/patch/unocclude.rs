@@ -146,7 +146,14 @@ fn look(ground: &Ground, ray: Ray, traced: &mut u64) -> Seen {
     ground.tracer.closest(&[ray], &mut hit);
     *traced += 1;
     if let Some(hit) = hit[0].filter(|h| h.back) {
-        return if is_double_sided(hit.triangle) { Seen::Inside } else { Seen::BlackInside };
+        let (surface, triangle) = ground.tracer.place(hit.triangle);
+        let material = ground.scene.material(surface, triangle);
+        return match (material.double_sided, material.is_emissive()) {
+            (false, _) => Seen::BlackInside,
+            (true, false) => Seen::Inside,
+            // In front of a back that shines, as between a lamp and its ceiling, nothing is in the dark.
+            (true, true) => Seen::Open,
+        };
     }
     let (mut left, mut black) = (0, false);
     ground.tracer.crossings(&ray, |triangle, back| {
