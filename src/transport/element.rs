@@ -249,10 +249,21 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>
     for &i in &patches {
         region_area[region[i as usize] as usize] += f64::from(all.area[i as usize]);
     }
+    let mut surface_area = vec![0.0f64; ground.scene.surfaces.len()];
+    for &i in &patches {
+        surface_area[all.surface[i as usize] as usize] += f64::from(all.area[i as usize]);
+    }
     let large = region_area.iter().sum::<f64>() / count.max(1) as f64;
-    let owner = |i: u32| match region[i as usize] {
-        r if region_area[r as usize] >= large => r,
-        _ => NONE,
+    // Small regions share elements with those of their own surface, and only small surfaces with others.
+    let owner = |i: u32| {
+        let (r, s) = (region[i as usize], all.surface[i as usize]);
+        if region_area[r as usize] >= large {
+            u64::from(r)
+        } else if surface_area[s as usize] >= large {
+            all.len() as u64 + u64::from(s)
+        } else {
+            u64::MAX
+        }
     };
     patches.sort_by_key(|&i| (owner(i), way(i), i));
     let area = |range: &std::ops::Range<usize>, patches: &[u32]| -> f64 {
