@@ -74,6 +74,8 @@ pub struct BakeArgs {
     #[command(flatten)]
     pub light: LightArgs,
     #[command(flatten)]
+    pub solver: SolverArgs,
+    #[command(flatten)]
     pub effort: EffortArgs,
     #[command(flatten)]
     pub results: ResultArgs,
@@ -209,6 +211,36 @@ pub struct LightArgs {
     pub lights: Option<String>,
 }
 
+/// How light between surfaces is solved.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Solver")]
+#[serde(rename_all = "kebab-case")]
+pub struct SolverArgs {
+    /// How the radiosity system is solved; auto chooses by size, and the report says which [default: auto]
+    #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["auto", "full-matrix", "jacobi", "gauss-seidel", "progressive"]))]
+    pub solver: Option<String>,
+    /// How form factors are found; area: Monte Carlo area sampling; analytic: exact, but blind to what stands in between
+    /// [default: area]
+    #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["area", "analytic", "hemicube", "hemisphere"]))]
+    pub form_factors: Option<String>,
+    /// Elements (clusters of texels) that exchange light; as many as texels: each texel is one [1..4194304; default: by
+    /// --quality]
+    #[arg(long, value_name = "N")]
+    pub elements: Option<usize>,
+    /// Stop after so many shots (progressive) or sweeps (others) [1 or more; default: once converged]
+    #[arg(long, value_name = "N")]
+    pub iterations: Option<u64>,
+    /// Shoot ahead what the shooter is about to receive (progressive) [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub overshoot: Option<bool>,
+    /// Add the ambient term for light that is not shot yet (progressive) [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub ambient: Option<bool>,
+    /// How texels read the solution; final: over their own hemisphere; none: as their element has it [default: final]
+    #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["final", "none"]))]
+    pub gather: Option<String>,
+}
+
 /// How hard to work.
 #[derive(Debug, Default, clap::Args, Serialize)]
 #[command(next_help_heading = "Effort")]
@@ -237,6 +269,10 @@ pub struct ResultArgs {
     /// The normal that E is about: the interpolated one where authored, or the triangle's [default: shading]
     #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["shading", "geometric"]))]
     pub normals: Option<String>,
+    /// Parts of the light as layers of the pages, separated by commas: direct, indirect, bounces (emitted, then reflected no
+    /// time, once, twice, ... before it arrives)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["direct", "indirect", "bounces"]))]
+    pub layers: Option<Vec<String>>,
     /// 32-bit float pages in place of 16-bit half [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub float: Option<bool>,
@@ -246,6 +282,12 @@ pub struct ResultArgs {
     /// Folder for numbered EXR files of the stages in between
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub dump_stages: Option<PathBuf>,
+    /// Folder for pages of the solution as it grows, an EXR and a small PNG each
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub watch: Option<PathBuf>,
+    /// Shots or sweeps from one of them to the next [1 or more; default: a sweep, or a 32nd of the elements in shots]
+    #[arg(long, value_name = "N")]
+    pub watch_every: Option<u64>,
 }
 
 /// Running it.

@@ -15,7 +15,7 @@ use toml::{Table, Value};
 const FILE_NAME: &str = "lumel.toml";
 
 /// Keys that hold paths; relative ones are relative to the file in which they stand.
-const PATH_KEYS: [&str; 2] = ["environment", "dump-stages"];
+const PATH_KEYS: [&str; 3] = ["environment", "dump-stages", "watch"];
 
 /// Keys that take the place of others: `--resolution` on the command line drops `density` of the file, and so on.
 const REPLACES: [(&str, &[&str]); 5] = [
@@ -52,6 +52,7 @@ impl Typed for BakeArgs {
             table(&self.texels)?,
             table(&self.uvs)?,
             table(&self.light)?,
+            table(&self.solver)?,
             table(&self.effort)?,
             table(&self.results)?,
             table(&self.running)?,
@@ -212,7 +213,9 @@ mod tests {
     fn every_setting_has_its_option() {
         let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
                     --quantity irradiance --float --max-bounces 4 --samples 64 --seed 5 --threads 2 --sky 1,2,0.1 \
-                    --gltf engine,vertex --lights remove --dump-stages d --overwrite";
+                    --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors area \
+                    --elements 100 --iterations 7 --overshoot=false --ambient --gather none --layers direct,bounces --watch w \
+                    --watch-every 3";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(typed("--density 2 --page-size 512 --environment e.hdr").keys().cloned());
         keys.sort();

@@ -8,8 +8,7 @@
 //! balance says less than with geometric normals.
 
 use crate::gather::Gathered;
-use crate::light::Direct;
-use crate::patch::{Emission, Ground, Reflectance, unocclude::Exposure};
+use crate::light::{Direct, Lit};
 use crate::post::{Lightmap, Quantity};
 use crate::solve::Solution;
 use crate::transport::Elements;
@@ -35,10 +34,7 @@ pub struct EnergyBalance {
 
 /// What is balanced.
 pub struct Bake<'a> {
-    pub ground: &'a Ground<'a>,
-    pub exposure: &'a Exposure,
-    pub reflectance: &'a Reflectance,
-    pub emission: &'a Emission,
+    pub lit: Lit<'a>,
     pub direct: &'a Direct,
     pub elements: &'a Elements,
     pub solution: &'a Solution,
@@ -47,16 +43,16 @@ pub struct Bake<'a> {
 
 /// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`.
 pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
-    let patches = bake.ground.patches;
+    let patches = bake.lit.ground.patches;
     let (mut emitted, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
     let mut backs = DVec3::ZERO;
     for i in 0..patches.len() {
-        let (area, whole) = (f64::from(bake.exposure.area[i]), f64::from(patches.area[i]));
-        let rho = bake.reflectance.0[i].as_dvec3();
-        let emittance = PI * bake.emission.0[i].as_dvec3();
+        let (area, whole) = (f64::from(bake.lit.exposure.area[i]), f64::from(patches.area[i]));
+        let rho = bake.lit.reflectance.0[i].as_dvec3();
+        let emittance = PI * bake.lit.emission.0[i].as_dvec3();
         emitted += area * emittance;
         let landed = f64::from(bake.gathered.landed_share[i]);
-        let irradiance = if bake.exposure.is_buried(i) {
+        let irradiance = if bake.lit.exposure.is_buried(i) {
             // Filled for display; no light reaches it.
             DVec3::ZERO
         } else {

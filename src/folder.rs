@@ -1,5 +1,6 @@
 //! The output folder: which files a bake leaves, and their names.
 
+use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::progress::Progress;
@@ -39,7 +40,9 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
                 density: baked.atlas.density,
                 scene: &name,
             };
-            let clamped = write_page(&staging.path(uri)?, page, &header, settings.float)?;
+            let layers: Vec<(&str, &[Rgb])> =
+                lightmap.layers.iter().map(|l| (l.name.as_str(), l.pages[number].as_slice())).collect();
+            let clamped = write_page(&staging.path(uri)?, page, &layers, &header, settings.float)?;
             if clamped > 0 {
                 warnings.add(format!("{uri} ({clamped} texels)"), "too bright for half floats; bake with --float");
             }

@@ -7,15 +7,15 @@
 
 use crate::Result;
 use crate::color::Rgb;
-use crate::light::Lights;
-use crate::light::direct::{Direct, DirectParams, hemisphere_weight};
-use crate::patch::{Ground, NONE, Reflectance, unocclude::Exposure};
+use crate::light::Lit;
+use crate::light::direct::{Direct, hemisphere_weight};
+use crate::patch::{Ground, NONE, Reflectance};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::solve::Solution;
 use crate::trace::{Hit, Ray};
-use crate::transport::Elements;
+use crate::transport::{Elements, Probes};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -33,6 +33,10 @@ pub struct Gathered {
     pub irradiance: Vec<Rgb>,
     /// The part that the gather found [lx].
     pub indirect: Vec<Rgb>,
+    /// The part of that which comes straight from the sky [lx].
+    pub sky: Vec<Rgb>,
+    /// The parts of it that were reflected once more than [`Solution::bounces`] [lx].
+    pub parts: Vec<Vec<Rgb>>,
     /// Share of the rays that landed on something that can send light back.
     pub landed_share: Vec<f32>,
     /// Standard error of the gathered light over all patches, root mean square over mean irradiance (luminance).
@@ -45,23 +49,35 @@ pub struct Gathered {
 /// What patches send out, as hits read it [lm/m^2].
 pub struct Sources<'a> {
     elements: &'a Elements,
+    reflectance: &'a Reflectance,
     front: Vec<Rgb>,
     /// Empty where no surface is double-sided.
     back: Vec<Rgb>,
+    /// The parts of it whose light is wanted on its own, as irradiance by element [lx].
+    parts: &'a [Vec<Rgb>],
+}
+
+/// What lies under a hit.
+struct Under {
+    patch: usize,
+    element: usize,
+    /// [lm/m^2].
+    radiosity: Rgb,
 }
 
 impl<'a> Sources<'a> {
     /// A patch's own direct light and albedo with its element's interreflected light; nothing where no bounce is wanted.
     pub fn new(
-        reflectance: &Reflectance,
+        lit: &Lit<'a>,
         direct: &Direct,
         elements: &'a Elements,
-        solution: &Solution,
+        solution: &'a Solution,
         max_bounces: Option<u32>,
     ) -> Self {
+        let reflectance = lit.reflectance;
         let n = reflectance.0.len();
         if max_bounces == Some(0) {
-            return Self { elements, front: vec![Rgb::ZERO; n], back: Vec::new() };
+            return Self { elements, reflectance, front: vec![Rgb::ZERO; n], back: Vec::new(), parts: &[] };
         }
         let of = |e: u32| if e == NONE { Rgb::ZERO } else { solution.irradiance[e as usize] };
         let front = |i: usize| match elements.front_of[i] {
@@ -72,44 +88,45 @@ impl<'a> Sources<'a> {
         let has_backs = elements.back.iter().any(|b| *b);
         Self {
             elements,
+            reflectance,
             front: (0..n).map(front).collect(),
             back: if has_backs { (0..n).map(back).collect() } else { Vec::new() },
+            parts: &solution.bounces,
         }
     }
 
     /// What a hit reads; `None` on black backs and buried texels.
-    fn under(&self, ground: &Ground, hit: &Hit) -> Option<Rgb> {
+    fn under(&self, ground: &Ground, hit: &Hit) -> Option<Under> {
         let patch = ground.patch_under(hit)?;
         let (of, side) =
             if hit.back { (&self.elements.back_of, &self.back) } else { (&self.elements.front_of, &self.front) };
-        (of[patch] != NONE).then(|| side.get(patch).copied().unwrap_or_default())
+        let radiosity = side.get(patch).copied().unwrap_or_default();
+        (of[patch] != NONE).then(|| Under { patch, element: of[patch] as usize, radiosity })
     }
 }
 
 /// What one patch collected.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 struct Collected {
     halves: [Rgb; 2],
     sky: Rgb,
     landed: f32,
+    /// By part of the sources.
+    parts: Vec<Rgb>,
 }
 
 /// Collects the light of all patches that are not buried.
 ///
 /// # Errors
 /// `Cancelled`.
-#[allow(clippy::too_many_arguments)]
 pub fn gather(
-    ground: &Ground,
-    exposure: &Exposure,
-    lights: &Lights,
+    lit: &Lit,
     sources: &Sources,
     direct: &Direct,
-    direct_params: &DirectParams,
     params: &GatherParams,
     progress: &dyn Progress,
 ) -> Result<Gathered> {
-    let patches = ground.patches;
+    let patches = lit.ground.patches;
     progress.begin("gather", patches.len() as u64);
     let collected: Vec<Collected> = (0..patches.len())
         .into_par_iter()
@@ -118,67 +135,98 @@ pub fn gather(
                 progress.check()?;
                 progress.advance(64.min(patches.len() - i) as u64);
             }
-            if exposure.is_buried(i) {
-                return Ok(Collected::default());
+            if lit.exposure.is_buried(i) {
+                return Ok(Collected::nothing(sources));
             }
-            Ok(collect(ground, exposure, lights, direct_params, sources, params.samples, i))
+            Ok(collect(lit, sources, params.samples, i))
         })
         .collect::<Result<_>>()?;
     let mut sky_inflow = glam::DVec3::ZERO;
     let (mut squares, mut sum) = (0.0f64, 0.0f64);
     for (i, c) in collected.iter().enumerate() {
-        let area = f64::from(exposure.area[i]);
+        let area = f64::from(lit.exposure.area[i]);
         sky_inflow += c.sky.as_dvec3() * area;
         let error = 0.5 * f64::from(crate::color::luminance(c.halves[0] - c.halves[1]));
         squares += error * error * area;
         sum += f64::from(crate::color::luminance(direct.shown[i] + c.mean())) * area;
     }
-    let area: f64 = exposure.area.iter().map(|a| f64::from(*a)).sum();
+    let area: f64 = lit.exposure.area.iter().map(|a| f64::from(*a)).sum();
     let noise = if sum > 0.0 { (squares / area).sqrt() / (sum / area) } else { 0.0 };
     Ok(Gathered {
         irradiance: collected.iter().zip(&direct.shown).map(|(c, d)| *d + c.mean()).collect(),
         indirect: collected.iter().map(Collected::mean).collect(),
+        sky: collected.iter().map(|c| c.sky).collect(),
+        parts: (0..sources.parts.len()).map(|k| collected.iter().map(|c| c.parts[k]).collect()).collect(),
         landed_share: collected.iter().map(|c| c.landed).collect(),
         noise,
         sky_inflow,
-        rays: u64::from(params.samples) * (patches.len() - exposure.buried_count()) as u64,
+        rays: u64::from(params.samples) * (patches.len() - lit.exposure.buried_count()) as u64,
+    })
+}
+
+/// The light of all patches as their elements have it, without a final gather: what the solver itself found.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn read_elements(
+    lit: &Lit,
+    elements: &Elements,
+    probes: &Probes,
+    direct: &Direct,
+    solution: &Solution,
+    progress: &dyn Progress,
+) -> Result<Gathered> {
+    progress.begin("gather", 0);
+    probes.shoot(|_| true, progress)?;
+    let n = lit.ground.patches.len();
+    let element = |i: usize| (elements.front_of[i] != NONE).then_some(elements.front_of[i] as usize);
+    let read = |values: &[Rgb]| (0..n).map(|i| element(i).map_or(Rgb::ZERO, |e| values[e])).collect::<Vec<Rgb>>();
+    let indirect = read(&solution.irradiance);
+    let sky: Vec<Rgb> = (0..n).map(|i| element(i).map_or(Rgb::ZERO, |e| probes.of(e).sky)).collect();
+    let flux = |i: usize| sky[i].as_dvec3() * f64::from(lit.exposure.area[i]);
+    Ok(Gathered {
+        irradiance: indirect.iter().zip(&direct.shown).map(|(i, d)| *i + *d).collect(),
+        parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
+        landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e).landed_share)).collect(),
+        noise: 0.0,
+        sky_inflow: (0..n).map(flux).sum(),
+        rays: 0,
+        indirect,
+        sky,
     })
 }
 
 impl Collected {
+    fn nothing(sources: &Sources) -> Self {
+        Self { parts: vec![Rgb::ZERO; sources.parts.len()], ..Self::default() }
+    }
+
     fn mean(&self) -> Rgb {
         0.5 * (self.halves[0] + self.halves[1])
     }
 }
 
-fn collect(
-    ground: &Ground,
-    exposure: &Exposure,
-    lights: &Lights,
-    direct_params: &DirectParams,
-    sources: &Sources,
-    samples: u32,
-    i: usize,
-) -> Collected {
+fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
+    let Lit { ground, lights, params, .. } = *lit;
+    let mut collected = Collected::nothing(sources);
     let mut footprint = ground.footprint(i);
     if footprint.is_empty() {
-        return Collected::default();
+        return collected;
     }
-    footprint.restrict(exposure.cells[i]);
+    footprint.restrict(lit.exposure.cells[i]);
     let half = samples.div_ceil(2);
-    let mut collected = Collected::default();
     let mut landed = 0u32;
     let mut rays = Vec::with_capacity(half as usize);
     let mut cosines = Vec::with_capacity(half as usize);
     let mut hits: Vec<Option<Hit>> = Vec::new();
     for k in 0..2 {
-        let sequence = Sequence::new(direct_params.seed, Stage::Gather, 2 * i as u64 + k as u64);
+        let sequence = Sequence::new(params.seed, Stage::Gather, 2 * i as u64 + k as u64);
         rays.clear();
         cosines.clear();
         for index in 0..half {
             let [x, y, s, t] = sequence.point(index, 0);
             let point = footprint.sample([x, y]);
-            let normal = if direct_params.shading_normals { point.shading } else { point.normal };
+            let normal = if params.shading_normals { point.shading } else { point.normal };
             let local = cosine_hemisphere([s, t]);
             let direction = frame(normal) * local;
             // Below the triangle's own horizon there is nothing to see.
@@ -194,14 +242,18 @@ fn collect(
         for ((ray, hit), cos) in rays.iter().zip(&hits).zip(&cosines) {
             match hit {
                 Some(hit) => {
-                    if let Some(b) = sources.under(ground, hit) {
-                        light += b;
+                    if let Some(under) = sources.under(ground, hit) {
+                        light += under.radiosity;
                         landed += 1;
+                        let albedo = sources.reflectance.0[under.patch];
+                        for (sum, part) in collected.parts.iter_mut().zip(sources.parts) {
+                            *sum += albedo * part[under.element] / (2 * half) as f32;
+                        }
                     }
                 }
                 None => {
                     if let Some(s) = &lights.sky {
-                        let weight = hemisphere_weight(lights, direct_params, ray.direction, *cos);
+                        let weight = hemisphere_weight(lights, params, ray.direction, *cos);
                         sky += s.radiance(ground.scene, ray.direction) * (weight * PI);
                     }
                 }

@@ -37,10 +37,13 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
     report.noise = lit.gathered.noise;
     report.solver = SolverReport {
+        name: lit.solution.solver.name(),
+        form_factors: settings.form_factors,
         elements: lit.elements.len(),
-        shots: lit.solution.shots,
+        iterations: lit.solution.iterations,
         residual: lit.solution.residual,
         unshot: lit.solution.unshot,
+        steps: lit.solution.steps.clone(),
     };
     report.energy = lit.energy;
     for material in too_white(&loaded.scene) {
@@ -53,7 +56,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
 /// Says where a bake should not be trusted as it is.
 fn warn_of_doubts(report: &mut Report, settings: &Settings) {
     let residual = settings.solve_params().residual;
-    if settings.max_bounces.is_none() && report.solver.residual > residual {
+    if settings.max_bounces.is_none() && settings.iterations.is_none() && report.solver.residual > residual {
         let message = "the solver stopped before it converged; albedos this high keep light for very long";
         report.warnings.add(format!("residual {:.2} %", 100.0 * report.solver.residual), message);
     }

@@ -4,6 +4,8 @@ use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use crate::settings::Settings;
+use crate::solve::Step;
+use crate::transport::Method as FormFactors;
 use crate::write::Baked;
 use cpu_time::ProcessTime;
 use serde::Serialize;
@@ -81,12 +83,17 @@ pub struct StageTime {
 /// How the solver ended.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct SolverReport {
+    pub name: &'static str,
+    pub form_factors: FormFactors,
     pub elements: usize,
-    pub shots: u64,
+    /// Shots or sweeps.
+    pub iterations: u64,
     /// Estimated remaining change of the worst surface's mean radiosity, relative to it.
     pub residual: f64,
-    /// Power that was not shot [lm].
+    /// Power that was not shot, or that the last sweep added [lm].
     pub unshot: f64,
+    /// How it came to this.
+    pub steps: Vec<Step>,
 }
 
 impl Report {

@@ -3,9 +3,9 @@
 use crate::error::{Error, Result};
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
-use crate::post::Quantity;
-use crate::solve::SolveParams;
-use crate::transport::Effort;
+use crate::post::{LayerKind, Quantity};
+use crate::solve::{SolveParams, Solver, full_matrix};
+use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, UnwrapParams, UvMode};
 use crate::write::{BakedLights, GltfProfile};
 use serde::{Deserialize, Serialize};
@@ -30,8 +30,21 @@ pub struct Settings {
     pub uv_name: Option<String>,
     pub normals: Normals,
     pub quantity: Quantity,
+    /// Parts of the light that pages hold as layers of their own.
+    pub layers: Vec<LayerKind>,
     /// 32-bit pages in place of half.
     pub float: bool,
+    pub solver: Solver,
+    pub form_factors: FormFactors,
+    /// Elements that exchange light; as many as texels or more: each texel is one.
+    pub elements: Option<usize>,
+    /// Shots or sweeps after which the solver stops; none: once it has converged.
+    pub iterations: Option<u64>,
+    /// Progressive refinement sends ahead what the shooter is about to receive.
+    pub overshoot: bool,
+    /// Adds the ambient term for light that is not shot yet.
+    pub ambient: bool,
+    pub gather: Gather,
     /// Interreflections counted; none: until the solution has converged.
     pub max_bounces: Option<u32>,
     /// Final gather rays a texel.
@@ -48,6 +61,10 @@ pub struct Settings {
     pub lights: BakedLights,
     /// Folder for numbered EXR files of the stages in between.
     pub dump_stages: Option<PathBuf>,
+    /// Folder for pages of the solution as it grows.
+    pub watch: Option<PathBuf>,
+    /// Shots or sweeps between two of them; none: chosen by the solver.
+    pub watch_every: Option<u64>,
     /// Replace another scene's bake in the output folder.
     pub overwrite: bool,
 }
@@ -61,6 +78,17 @@ pub enum Quality {
     Medium,
     High,
     Production,
+}
+
+/// How texels get their interreflected light from the solution.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Gather {
+    /// By a final gather over each texel's hemisphere.
+    #[default]
+    Final,
+    /// As their element has it.
+    None,
 }
 
 /// The normal that irradiance is about.
@@ -92,6 +120,15 @@ struct Preset {
 
 /// Brightness samples of a sky with a picture for each ray of the final gather.
 const SKY_RATIO: f32 = 0.5;
+
+/// Elements at most: about 2 GB.
+const MOST_ELEMENTS: usize = 1 << 22;
+
+/// Shots or sweeps at most.
+const MOST_ITERATIONS: u64 = 1_000_000_000;
+
+/// Bounces that `--layers bounces` tells apart between elements, at most; the last holds the rest.
+const MOST_BOUNCE_LAYERS: usize = 12;
 
 /// Estimated remaining change of each surface's mean radiosity, relative to it, at which the solver ends.
 const RESIDUAL: f64 = 1e-3;
@@ -147,6 +184,10 @@ impl Settings {
         within("max-bounces", self.max_bounces, 0, 100)?;
         within("samples", self.samples, 1, 65536)?;
         within("threads", self.threads, 1, 1024)?;
+        within("elements", self.elements, 1, MOST_ELEMENTS)?;
+        within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
+        within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
+        self.check_solver()?;
         if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
             return Err(Error::invalid("resolution", "chooses the density by itself; leave out density and page-size"));
         }
@@ -157,6 +198,44 @@ impl Settings {
             && sky.iter().any(|v| !v.is_finite() || *v < 0.0)
         {
             return Err(Error::invalid("sky", "radiance must be finite and not negative [nit]"));
+        }
+        Ok(())
+    }
+
+    /// Refuses what the solver can't do.
+    fn check_solver(&self) -> Result<()> {
+        let refuse = |setting: &str, message: &str| Err(Error::invalid(setting, message));
+        let is_progressive = matches!(self.solver, Solver::Auto | Solver::Progressive);
+        match self.solver {
+            Solver::FullMatrix => {
+                full_matrix::refuse_too_many(self.element_count())?;
+                if self.iterations.is_some() {
+                    return refuse("iterations", "full-matrix solves at once; choose another solver");
+                }
+                if self.watch.is_some() {
+                    return refuse(
+                        "watch",
+                        "full-matrix solves at once, there is nothing to watch; choose another solver",
+                    );
+                }
+            }
+            _ if self.overshoot && !is_progressive => return refuse("overshoot", "only progressive shoots"),
+            _ if self.ambient && !is_progressive => return refuse("ambient", "only progressive has unshot light"),
+            _ => {}
+        }
+        if self.max_bounces.is_some() {
+            if matches!(self.solver, Solver::FullMatrix | Solver::GaussSeidel) {
+                return refuse(
+                    "max-bounces",
+                    "this solver doesn't tell bounces apart; choose jacobi, progressive or hierarchical",
+                );
+            }
+            if self.overshoot {
+                return refuse("max-bounces", "overshooting mixes the bounces; leave out overshoot");
+            }
+        }
+        if self.watch_every.is_some() && self.watch.is_none() {
+            return refuse("watch-every", "says how often to write into the folder of watch, which is not given");
         }
         Ok(())
     }
@@ -197,7 +276,7 @@ impl Settings {
 
     /// About how many elements exchange light.
     pub fn element_count(&self) -> usize {
-        self.quality.preset().elements
+        self.elements.unwrap_or(self.quality.preset().elements)
     }
 
     /// The solver's parameters.
@@ -206,11 +285,20 @@ impl Settings {
         let effort = Effort {
             relative_error: preset.form_factor_error,
             // The mean form factor of a closed scene, and a few times that: most light comes over larger ones.
-            floor: 4.0 / preset.elements as f32,
+            floor: 4.0 / self.element_count() as f32,
             first_samples: 4,
             most_samples: 256,
         };
-        SolveParams { probe_rays: preset.probe_rays, effort, max_bounces: self.max_bounces, residual: RESIDUAL }
+        SolveParams {
+            solver: self.solver,
+            transport: TransportParams { method: self.form_factors, effort, probe_rays: preset.probe_rays },
+            max_bounces: self.max_bounces,
+            iterations: self.iterations,
+            residual: RESIDUAL,
+            overshoot: self.overshoot,
+            ambient: self.ambient,
+            bounces: if self.layers.contains(&LayerKind::Bounces) { MOST_BOUNCE_LAYERS } else { 0 },
+        }
     }
 
     /// The final gather's parameters.

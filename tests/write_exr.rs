@@ -36,7 +36,7 @@ fn channel(path: &PathBuf, name: &str) -> Vec<f32> {
 #[test]
 fn float_page_is_read_back_exactly() {
     let (path, page) = (file("float.exr"), page());
-    assert_eq!(write_page(&path, &page, &HEADER, true).unwrap(), 0);
+    assert_eq!(write_page(&path, &page, &[], &HEADER, true).unwrap(), 0);
     for (i, name) in ["R", "G", "B"].into_iter().enumerate() {
         assert_eq!(channel(&path, name), page.rgb.iter().map(|c| c[i]).collect::<Vec<_>>());
     }
@@ -46,7 +46,7 @@ fn float_page_is_read_back_exactly() {
 #[test]
 fn half_page_keeps_three_digits_and_says_what_it_holds() {
     let (path, page) = (file("half.exr"), page());
-    assert_eq!(write_page(&path, &page, &HEADER, false).unwrap(), 0);
+    assert_eq!(write_page(&path, &page, &[], &HEADER, false).unwrap(), 0);
     for (read, written) in channel(&path, "G").iter().zip(&page.rgb) {
         assert!((read - written.y).abs() <= written.y / 2048.0, "{read} for {}", written.y);
     }
@@ -69,10 +69,10 @@ fn what_half_cannot_hold_is_counted() {
     page.rgb[0] = Rgb::new(1e6, 2e6, 1.0);
     page.rgb[1] = Rgb::new(1.0, f32::NAN, 1.0);
     page.rgb[2] = Rgb::splat(65504.0);
-    assert_eq!(write_page(&path, &page, &HEADER, false).unwrap(), 2);
+    assert_eq!(write_page(&path, &page, &[], &HEADER, false).unwrap(), 2);
     assert_eq!(channel(&path, "R")[..3], [65504.0, 1.0, 65504.0]);
     assert_eq!(channel(&path, "G")[1], 0.0);
-    assert_eq!(write_page(&path, &page, &HEADER, true).unwrap(), 0);
+    assert_eq!(write_page(&path, &page, &[], &HEADER, true).unwrap(), 0);
     assert_eq!(channel(&path, "R")[0], 1e6);
 }
 
@@ -82,7 +82,7 @@ fn equal_inputs_give_equal_bytes() {
     let mut first = None;
     for i in 0..8 {
         let path = file(&format!("equal{i}.exr"));
-        write_page(&path, &page, &HEADER, false).unwrap();
+        write_page(&path, &page, &[], &HEADER, false).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         assert!(*first.get_or_insert_with(|| bytes.clone()) == bytes, "file {i} differs");
     }
@@ -102,7 +102,7 @@ fn pictures_and_layers() {
 fn wrong_sizes_are_an_error() {
     let mut page = page();
     page.rgb.pop();
-    assert!(write_page(&file("wrong.exr"), &page, &HEADER, false).is_err());
+    assert!(write_page(&file("wrong.exr"), &page, &[], &HEADER, false).is_err());
     assert!(write_image(&file("wrong.exr"), 0, 0, &[]).is_err());
-    assert!(write_page(&PathBuf::from("/nowhere/at/all.exr"), &self::page(), &HEADER, false).is_err());
+    assert!(write_page(&PathBuf::from("/nowhere/at/all.exr"), &self::page(), &[], &HEADER, false).is_err());
 }

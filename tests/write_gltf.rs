@@ -139,7 +139,7 @@ fn atlas(corners: Vec<[Vec2; 3]>, authored: Option<&str>) -> Atlas {
 
 fn lightmap(quantity: Quantity) -> Lightmap {
     let page = PageImage { width: 64, height: 32, rgb: vec![Rgb::ONE; 64 * 32], coverage: vec![1.0; 64 * 32] };
-    Lightmap { pages: vec![page], quantity }
+    Lightmap { pages: vec![page], quantity, layers: Vec::new() }
 }
 
 /// Everything that a writer takes, to be changed by a test.

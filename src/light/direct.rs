@@ -5,14 +5,14 @@
 //! sums over the same samples (Heitz, Hill, McGuire 2018, "Combining analytic direct illumination and stochastic shadows"),
 //! so that a receiver without shadows has no noise at all. More samples are taken where the first ones disagree.
 
-use super::Lights;
 use super::delta::{Arrival, DeltaLight};
 use super::polygon::{Polygon, Source};
 use super::tree::Cluster;
+use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::contour::point_to_polygon;
-use crate::patch::{Footprint, Ground, SurfacePoint, unocclude::Exposure};
+use crate::patch::{Footprint, Ground, SurfacePoint};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::cosine_hemisphere_pdf;
@@ -86,13 +86,8 @@ const UNSHADOWED_POINTS: u32 = 16;
 ///
 /// # Errors
 /// `Cancelled`.
-pub fn direct(
-    ground: &Ground,
-    lights: &Lights,
-    exposure: &Exposure,
-    params: &DirectParams,
-    progress: &dyn Progress,
-) -> Result<Direct> {
+pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
+    let Lit { ground, exposure, lights, params, .. } = *lit;
     let patches = ground.patches;
     progress.begin("direct", patches.len() as u64);
     let arriving: Vec<Arriving> = (0..patches.len())

@@ -12,8 +12,10 @@ pub mod tree;
 pub use direct::{Direct, direct};
 pub use sky::Sky;
 
+use crate::patch::{Emission, Ground, Reflectance, unocclude::Exposure};
 use crate::scene::Scene;
 use delta::DeltaLight;
+use direct::DirectParams;
 use tree::LightTree;
 
 /// All that shines in a scene, ready to be sampled.
@@ -32,4 +34,16 @@ impl Lights {
             sky: scene.environment.as_ref().map(|e| Sky::new(scene, e)),
         }
     }
+}
+
+/// A rasterized scene and all that its light depends on: what transport, solvers and gather work on.
+#[derive(Clone, Copy)]
+pub struct Lit<'a> {
+    pub ground: &'a Ground<'a>,
+    pub exposure: &'a Exposure,
+    pub reflectance: &'a Reflectance,
+    pub emission: &'a Emission,
+    pub lights: &'a Lights,
+    /// How light straight from lights is estimated.
+    pub params: &'a DirectParams,
 }

@@ -2,7 +2,8 @@
 
 use super::{Lightmap, PageImage, Quantity};
 use crate::color::Rgb;
-use crate::patch::{Emission, NONE, Patches, Reflectance, unocclude::Exposure};
+use crate::light::Lit;
+use crate::patch::{NONE, Patches};
 use crate::unwrap::Atlas;
 use std::f32::consts::PI;
 
@@ -25,27 +26,24 @@ struct Canvas {
 
 /// Makes finished pages: patch irradiance [lx] as `quantity`, buried texels filled from their own chart, gutters filled
 /// `atlas.padding` texels wide.
-pub fn finish(
-    atlas: &Atlas,
-    patches: &Patches,
-    exposure: &Exposure,
-    irradiance: &[Rgb],
-    reflectance: &Reflectance,
-    emission: &Emission,
-    quantity: Quantity,
-) -> Lightmap {
-    let value = |i: usize| match quantity {
-        Quantity::Outgoing => irradiance[i] / PI,
-        Quantity::Irradiance => irradiance[i],
-        Quantity::Radiosity => emission.0[i] * PI + reflectance.0[i] * irradiance[i],
-    };
-    let mut canvases = paint(atlas, patches, value, |i| !exposure.is_buried(i));
+pub fn finish(lit: &Lit, irradiance: &[Rgb], quantity: Quantity) -> Lightmap {
+    let pages = fill(lit, |i| {
+        let value = quantity.of(irradiance[i], lit.reflectance.0[i]);
+        if quantity == Quantity::Radiosity { value + lit.emission.0[i] * PI } else { value }
+    });
+    Lightmap { pages, quantity, layers: Vec::new() }
+}
+
+/// Patch values on finished pages.
+pub fn fill(lit: &Lit, value: impl Fn(usize) -> Rgb) -> Vec<PageImage> {
+    let atlas = lit.ground.atlas;
+    let mut canvases = paint(atlas, lit.ground.patches, value, |i| !lit.exposure.is_buried(i));
     for canvas in &mut canvases {
         let buried = canvas.spread(usize::MAX, true);
         canvas.smooth(&buried);
         canvas.spread(atlas.padding as usize, false);
     }
-    Lightmap { pages: canvases.into_iter().map(Canvas::into_page).collect(), quantity }
+    canvases.into_iter().map(Canvas::into_page).collect()
 }
 
 /// Patch values on pages as they are, gutters black: for looking at a stage.

@@ -1,6 +1,7 @@
 //! From texel values to pages that can be shown: gutters, vertex colours.
 
 pub mod dilate;
+pub mod layers;
 pub mod vertex;
 
 use crate::color::Rgb;
@@ -10,6 +11,27 @@ use crate::color::Rgb;
 pub struct Lightmap {
     pub pages: Vec<PageImage>,
     pub quantity: Quantity,
+    pub layers: Vec<Layer>,
+}
+
+/// A part of the light on its own.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    pub name: String,
+    /// Texel values of each page, as [`PageImage::rgb`].
+    pub pages: Vec<Vec<Rgb>>,
+}
+
+/// Which layers are wanted beside the whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LayerKind {
+    /// Straight from lights.
+    Direct,
+    /// All that was reflected.
+    Indirect,
+    /// Emitted, and reflected no time, once, twice, ... before it arrives.
+    Bounces,
 }
 
 /// One page; row 0 is the top.
@@ -37,6 +59,15 @@ pub enum Quantity {
 }
 
 impl Quantity {
+    /// The value of the irradiance `e` [lx] on an albedo, without emission.
+    pub fn of(self, e: Rgb, albedo: Rgb) -> Rgb {
+        match self {
+            Self::Outgoing => e / std::f32::consts::PI,
+            Self::Irradiance => e,
+            Self::Radiosity => albedo * e,
+        }
+    }
+
     /// Name in headers, extras and reports.
     pub fn name(self) -> &'static str {
         match self {

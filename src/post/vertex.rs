@@ -177,7 +177,7 @@ mod tests {
             rgb: (0..128).map(|i| Rgb::splat(column(i % 16))).collect(),
             coverage: (0..128).map(|i| if (7..9).contains(&(i % 16)) { 0.0 } else { 1.0 }).collect(),
         };
-        corner_colors(&scene, &atlas, &Lightmap { pages: vec![page], quantity: Quantity::Outgoing })
+        corner_colors(&scene, &atlas, &Lightmap { pages: vec![page], quantity: Quantity::Outgoing, layers: Vec::new() })
     }
 
     #[test]

@@ -13,17 +13,18 @@ const MOST_GROUPS: usize = 256;
 /// Means below this share of the scene's count as this share: nobody sees a relative error in the dark.
 const FLOOR: f64 = 1e-3;
 
-/// What shots carried, by groups.
-pub struct Convergence {
+/// Neighbouring elements of a surface, counted together.
+pub struct Groups {
+    /// Group of each element.
     group: Vec<u32>,
     area: Vec<f64>,
-    albedo: Vec<f64>,
-    /// Power shot from each group, and what of it each group sent on (row by row) [lm].
-    shot: Vec<f64>,
-    carried: Vec<f64>,
 }
 
-impl Convergence {
+/// A shrinking change that a sweep found is taken to go on shrinking by this factor at best and at worst: below, noise would
+/// rule; at 1 the sum would have no end.
+const SHRINKING: std::ops::RangeInclusive<f64> = 0.01..=0.99;
+
+impl Groups {
     /// Groups the elements, which are sorted by surface and place.
     pub fn new(elements: &Elements) -> Self {
         let size = elements.len().div_ceil(MOST_GROUPS / 2).max(1);
@@ -40,36 +41,86 @@ impl Convergence {
             members += 1;
             group.push(current);
         }
-        let count = group.last().map_or(0, |g| *g as usize + 1);
-        let (mut area, mut reflected) = (vec![0.0; count], vec![0.0; count]);
-        for (e, &g) in group.iter().enumerate() {
-            area[g as usize] += f64::from(elements.area[e]);
-            reflected[g as usize] += f64::from(elements.area[e]) * f64::from(luminance(elements.albedo[e]));
+        let mut groups = Self { area: vec![0.0; group.last().map_or(0, |g| *g as usize + 1)], group };
+        let areas: Vec<f64> = elements.area.iter().map(|a| f64::from(*a)).collect();
+        groups.area = groups.sums(&areas);
+        groups
+    }
+
+    /// Sums of `values` by element.
+    fn sums(&self, values: &[f64]) -> Vec<f64> {
+        let mut sums = vec![0.0; self.area.len()];
+        for (value, &g) in values.iter().zip(&self.group) {
+            sums[g as usize] += value;
         }
-        let albedo = reflected.iter().zip(&area).map(|(r, a)| r / a.max(f64::MIN_POSITIVE)).collect();
-        Self { group, area, albedo, shot: vec![0.0; count], carried: vec![0.0; count * count] }
+        sums
+    }
+
+    /// The mean albedo (luminance) of all elements.
+    pub fn mean_albedo(&self, elements: &Elements) -> f64 {
+        let reflected = elements.albedo.iter().zip(&elements.area).map(|(rho, a)| f64::from(luminance(*rho) * a));
+        reflected.sum::<f64>() / self.area.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
+    /// The largest change of a group's mean radiosity that is still to come, relative to that mean, where the last sweep
+    /// changed the power of elements by `change`, `ratio` of what the sweep before did, to `power` [lm].
+    pub fn remaining(&self, change: &[f64], ratio: f64, power: &[f64]) -> f64 {
+        let ratio = ratio.clamp(*SHRINKING.start(), *SHRINKING.end());
+        let change: Vec<f64> = self.sums(change).iter().map(|c| c.abs() * ratio / (1.0 - ratio)).collect();
+        self.worst(&change, &self.sums(power))
+    }
+
+    /// The largest `change` of a group relative to its `power`, both by group.
+    fn worst(&self, change: &[f64], power: &[f64]) -> f64 {
+        let scene: f64 = power.iter().sum::<f64>() / self.area.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let relative = |g: usize| {
+            let area = self.area[g].max(f64::MIN_POSITIVE);
+            let floor = (power[g] / area).max(FLOOR * scene);
+            if floor > 0.0 { change[g] / area / floor } else { 0.0 }
+        };
+        (0..self.area.len()).map(relative).fold(0.0, f64::max)
+    }
+}
+
+/// What shots carried, by groups.
+pub struct Convergence {
+    groups: Groups,
+    albedo: Vec<f64>,
+    /// Power shot from each group, and what of it each group sent on (row by row) [lm].
+    shot: Vec<f64>,
+    carried: Vec<f64>,
+}
+
+impl Convergence {
+    /// Nothing was shot yet.
+    pub fn new(elements: &Elements) -> Self {
+        let groups = Groups::new(elements);
+        let count = groups.area.len();
+        let reflected = |e: usize| f64::from(elements.area[e]) * f64::from(luminance(elements.albedo[e]));
+        let reflected: Vec<f64> = (0..elements.len()).map(reflected).collect();
+        let reflected = groups.sums(&reflected);
+        let albedo = reflected.iter().zip(&groups.area).map(|(r, a)| r / a.max(f64::MIN_POSITIVE));
+        Self { albedo: albedo.collect(), shot: vec![0.0; count], carried: vec![0.0; count * count], groups }
     }
 
     /// Element `i` shot `power` [lm].
     pub fn shot(&mut self, i: usize, power: Rgb) {
-        self.shot[self.group[i] as usize] += f64::from(luminance(power));
+        self.shot[self.groups.group[i] as usize] += f64::from(luminance(power));
     }
 
     /// Element `j` will send on `power` [lm] of what `i` shot.
     pub fn received(&mut self, i: usize, j: usize, power: Rgb) {
-        let at = self.group[i] as usize * self.area.len() + self.group[j] as usize;
+        let group = &self.groups.group;
+        let at = group[i] as usize * self.shot.len() + group[j] as usize;
         self.carried[at] += f64::from(luminance(power));
     }
 
     /// The largest remaining change of a group's mean radiosity, relative to that mean, for the `unshot` power and the power
     /// that is sent out so far, both by element [lm].
     pub fn remaining(&self, unshot: &[f64], sent: &[f64]) -> f64 {
-        let count = self.area.len();
-        let (mut wave, mut power) = (vec![0.0; count], vec![0.0; count]);
-        for (e, &g) in self.group.iter().enumerate() {
-            wave[g as usize] += unshot[e];
-            power[g as usize] += sent[e];
-        }
+        let count = self.shot.len();
+        let unshot: Vec<f64> = unshot.iter().map(|p| p.abs()).collect();
+        let mut wave = self.groups.sums(&unshot);
         let mut change = vec![0.0; count];
         let total: f64 = wave.iter().sum();
         // Each round carries the wave one bounce on; it dies out with the albedos.
@@ -94,12 +145,6 @@ impl Convergence {
                 break;
             }
         }
-        let scene: f64 = power.iter().sum::<f64>() / self.area.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let relative = |g: usize| {
-            let mean = power[g] / self.area[g].max(f64::MIN_POSITIVE);
-            let floor = mean.max(FLOOR * scene);
-            if floor > 0.0 { change[g] / self.area[g].max(f64::MIN_POSITIVE) / floor } else { 0.0 }
-        };
-        (0..count).map(relative).fold(0.0, f64::max)
+        self.groups.worst(&change, &self.groups.sums(sent))
     }
 }

@@ -1,6 +1,101 @@
-//! Solving the balance `B_i = M_i + rho_i (E0_i + sum_j F_ij B_j)` over elements.
+//! Solving the balance `B_i = M_i + rho_i (E0_i + sum_j F_ij B_j)` over elements, by any of several solvers.
+//!
+//! Light straight from emitters is in E0 already, so what elements exchange starts with the light it leaves behind: rho E0.
 
 pub mod convergence;
+pub mod front;
+pub mod full_matrix;
 pub mod progressive;
+pub mod sweep;
+pub mod system;
 
-pub use progressive::{Solution, SolveParams, solve};
+pub use front::solve;
+pub use system::{Exchange, Step, System, Watch};
+
+use crate::color::Rgb;
+use crate::transport::TransportParams;
+
+/// How the system is solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Solver {
+    /// [`Solver::Progressive`]. See [`Solver::choose`].
+    #[default]
+    Auto,
+    /// LU decomposition of I - F rho: the truth for small scenes.
+    FullMatrix,
+    /// Gathering; the k-th sweep adds the k-th bounce.
+    Jacobi,
+    /// Gathering that uses each value as soon as it is found.
+    GaussSeidel,
+    /// Shooting in the order of unshot power.
+    Progressive,
+}
+
+/// Elements that the full matrix takes at most: 600 MB and about a minute.
+pub const MOST_FULL_MATRIX: usize = 5000;
+
+impl Solver {
+    /// The solver that stands for `self` with `elements` elements.
+    pub fn choose(self, elements: usize) -> Self {
+        let _ = elements;
+        match self {
+            Self::Auto => Self::Progressive,
+            chosen => chosen,
+        }
+    }
+
+    /// Its name in options and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::FullMatrix => "full-matrix",
+            Self::Jacobi => "jacobi",
+            Self::GaussSeidel => "gauss-seidel",
+            Self::Progressive => "progressive",
+        }
+    }
+}
+
+/// What is solved for, and how far.
+#[derive(Clone, Debug)]
+pub struct SolveParams {
+    pub solver: Solver,
+    pub transport: TransportParams,
+    /// Interreflections in the final result: the gather adds the last of them, this stage those before. None: all.
+    pub max_bounces: Option<u32>,
+    /// Shots or sweeps after which to stop, converged or not. None: until converged.
+    pub iterations: Option<u64>,
+    /// Estimated remaining change of each surface's mean radiosity, relative to it, at which to stop.
+    pub residual: f64,
+    /// Progressive refinement shoots ahead what the shooter is about to receive.
+    pub overshoot: bool,
+    /// Adds the ambient term for what progressive refinement has not shot.
+    pub ambient: bool,
+    /// Interreflections wanted one by one, at most; 0: none.
+    pub bounces: usize,
+}
+
+/// The light on elements.
+#[derive(Clone, Debug, Default)]
+pub struct Solution {
+    /// Irradiance that the gather reads beyond a patch's own direct light [lx]: interreflected light and the sky's; on backs
+    /// direct light too.
+    pub irradiance: Vec<Rgb>,
+    /// The part of it that is reflected once, twice, ... on its way between elements [lx], as far as it was asked for.
+    pub bounces: Vec<Vec<Rgb>>,
+    /// On backs, the share of the light leaving them that lands on elements; the rest escapes or falls on black backs.
+    pub landed_share: Vec<f32>,
+    /// The solver that was used.
+    pub solver: Solver,
+    /// Shots or sweeps that were made.
+    pub iterations: u64,
+    /// Estimated remaining change of the worst surface's mean radiosity, relative to it.
+    pub residual: f64,
+    /// Power that was not sent on [lm], luminance.
+    pub unshot: f64,
+    pub steps: Vec<Step>,
+    /// Light on backs straight from the sky and from lights that are no surface, as flux [lm].
+    pub inflow: glam::DVec3,
+    pub rays: u64,
+}

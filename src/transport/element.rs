@@ -13,8 +13,10 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
 
-/// Points kept on each element.
-pub const POINTS: u32 = 32;
+/// Points kept on each element, at most and at least; in between, about [`ALL_POINTS`] over all elements.
+const MOST_POINTS: u32 = 32;
+const LEAST_POINTS: u32 = 4;
+const ALL_POINTS: u32 = 1 << 21;
 
 /// Distances along the way that texels face count this much more when the longest side is chosen: it keeps a table's top
 /// apart from the floor below it.
@@ -47,8 +49,9 @@ pub struct Elements {
     members: Vec<u32>,
     first: Vec<u32>,
     by_area: Vec<Option<Discrete>>,
-    /// [`POINTS`] points on each, moved off the surface, normals outwards (on backs: away from the back).
+    /// `points_each` points on each, moved off the surface, normals outwards (on backs: away from the back).
     points: Vec<SurfacePoint>,
+    points_each: u32,
 }
 
 /// A set of patches that may be cut further.
@@ -120,6 +123,7 @@ impl Elements {
             first: vec![0],
             by_area: Vec::with_capacity(n),
             points: Vec::new(),
+            points_each: (ALL_POINTS / n.max(1) as u32).clamp(LEAST_POINTS, MOST_POINTS).next_power_of_two(),
         };
         for (e, (back, members)) in clusters.iter().enumerate() {
             let areas = if *back { &patches.area } else { &exposure.area };
@@ -149,7 +153,7 @@ impl Elements {
         }
         all.points = (0..n)
             .into_par_iter()
-            .flat_map_iter(|e| (0..POINTS).map(move |k| (e, k)))
+            .flat_map_iter(|e| (0..all.points_each).map(move |k| (e, k)))
             .map(|(e, k)| all.draw(ground, e, k))
             .collect();
         all
@@ -178,15 +182,20 @@ impl Elements {
 
     /// Point `index` of a sequence of points uniform over element `e`, off the surface on the side that shines.
     pub fn point(&self, ground: &Ground, e: usize, index: u32) -> SurfacePoint {
-        if index < POINTS {
-            return self.points[e * POINTS as usize + index as usize];
+        if index < self.points_each {
+            return self.points[e * self.points_each as usize + index as usize];
         }
         self.draw(ground, e, index)
     }
 
     /// One of the kept points, in turn.
     pub fn kept_point(&self, e: usize, index: u32) -> SurfacePoint {
-        self.points[e * POINTS as usize + (index % POINTS) as usize]
+        self.points[e * self.points_each as usize + (index % self.points_each) as usize]
+    }
+
+    /// Points that are kept on each element, a power of two.
+    pub fn kept_points(&self) -> u32 {
+        self.points_each
     }
 
     fn draw(&self, ground: &Ground, e: usize, index: u32) -> SurfacePoint {

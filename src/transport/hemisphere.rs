@@ -2,16 +2,13 @@
 //! factor to it (Malley). One set of rays serves all receivers, and tells what escapes and what the sky sends.
 
 use super::{Effort, Elements, FormFactor};
-use crate::Result;
 use crate::color::Rgb;
-use crate::light::Lights;
-use crate::light::direct::{DirectParams, hemisphere_weight};
+use crate::light::Lit;
+use crate::light::direct::hemisphere_weight;
 use crate::patch::{Ground, SurfacePoint};
-use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::trace::{Hit, Ray};
-use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// What an element's rays found.
@@ -25,35 +22,9 @@ pub struct Probe {
     pub sky: Rgb,
 }
 
-/// Probes every element with `rays` rays each.
-///
-/// # Errors
-/// `Cancelled`.
-pub fn probe(
-    elements: &Elements,
-    ground: &Ground,
-    lights: &Lights,
-    direct: &DirectParams,
-    rays: u32,
-    progress: &dyn Progress,
-) -> Result<Vec<Probe>> {
-    (0..elements.len())
-        .into_par_iter()
-        .map(|i| {
-            progress.check()?;
-            Ok(probe_one(elements, ground, lights, direct, rays, i))
-        })
-        .collect()
-}
-
-fn probe_one(
-    elements: &Elements,
-    ground: &Ground,
-    lights: &Lights,
-    direct: &DirectParams,
-    count: u32,
-    i: usize,
-) -> Probe {
+/// Probes element `i` with `count` rays.
+pub fn probe(elements: &Elements, lit: &Lit, count: u32, i: usize) -> Probe {
+    let Lit { ground, lights, params, .. } = *lit;
     let (points, rays, hits) = shoot(elements, ground, i, 0, count);
     let mut landed: Vec<u32> = Vec::with_capacity(rays.len());
     let mut sky = Rgb::ZERO;
@@ -63,7 +34,7 @@ fn probe_one(
             None => {
                 if let Some(s) = &lights.sky {
                     let cos = ray.direction.dot(point.normal);
-                    let weight = hemisphere_weight(lights, direct, ray.direction, cos);
+                    let weight = hemisphere_weight(lights, params, ray.direction, cos);
                     sky += s.radiance(ground.scene, ray.direction) * weight;
                 }
             }

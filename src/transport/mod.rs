@@ -8,10 +8,27 @@
 pub mod area;
 pub mod element;
 pub mod hemisphere;
+pub mod probes;
 pub mod row;
 
 pub use element::Elements;
-pub use row::Rows;
+pub use probes::Probes;
+pub use row::{Row, Rows, TransportParams};
+
+/// How form factors are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Monte Carlo area sampling; near pairs by the analytic kernel times sampled visibility.
+    #[default]
+    Area,
+    /// Lambert's contour integral, as if nothing stood in between.
+    Analytic,
+    /// The scene rasterised on half cubes over the element.
+    Hemicube,
+    /// Cosine-distributed rays from the element.
+    Hemisphere,
+}
 
 /// How exactly a form factor is wanted.
 #[derive(Clone, Copy, Debug)]

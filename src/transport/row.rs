@@ -1,58 +1,183 @@
-//! Rows of form factors, computed when an element first shoots and kept from then on.
+//! Rows of form factors, computed when they are first asked for and kept as sparse links as long as memory allows.
 
-use super::{Effort, Elements, area, hemisphere::Probe};
+use super::{Effort, Elements, Method, Probes, area};
+use crate::Result;
+use crate::color::Rgb;
 use crate::patch::Ground;
+use crate::progress::Progress;
 use rayon::prelude::*;
+use std::sync::Arc;
 
-/// The rows of F that have been asked for.
+/// Memory for kept rows [bytes]; rows beyond are thrown away and computed anew each time.
+const MOST_KEPT: u64 = 4 << 30;
+
+/// How form factors between elements are found.
+#[derive(Clone, Debug)]
+pub struct TransportParams {
+    pub method: Method,
+    pub effort: Effort,
+    /// Rays that probe each element; a power of two.
+    pub probe_rays: u32,
+}
+
+/// The matrix F, row by row.
 pub struct Rows<'a> {
     elements: &'a Elements,
     ground: &'a Ground<'a>,
-    probes: &'a [Probe],
-    effort: Effort,
-    rows: Vec<Option<Row>>,
+    probes: &'a Probes<'a>,
+    params: TransportParams,
+    rows: Vec<Option<Arc<Row>>>,
+    kept: u64,
     /// Segments that were traced.
     pub segments: u64,
 }
 
-/// Form factors from one element to every element.
-#[derive(Clone, Debug)]
+/// Form factors from one element to all that it sees.
+#[derive(Clone, Debug, Default)]
 pub struct Row {
-    /// As estimated; symmetric in `A_i F_ij`.
-    pub values: Vec<f32>,
+    /// Elements, ascending, and the form factors to them as estimated; symmetric in `A_i F_ij`.
+    pub links: Vec<(u32, f32)>,
     /// What all of them are multiplied by, so that their sum is what the element's probe saw land: in a closed scene exactly
     /// 1, and no power is made or lost by the noise of single form factors.
     pub scale: f32,
 }
 
+impl Row {
+    /// The form factor to element `j`.
+    pub fn to(&self, j: usize) -> f32 {
+        self.estimate(j) * self.scale
+    }
+
+    /// Irradiance by what all elements send [lx].
+    pub fn gather(&self, sent: &[Rgb]) -> Rgb {
+        self.links.iter().map(|&(j, f)| sent[j as usize] * f).sum::<Rgb>() * self.scale
+    }
+
+    fn estimate(&self, j: usize) -> f32 {
+        self.links.binary_search_by_key(&(j as u32), |l| l.0).map_or(0.0, |k| self.links[k].1)
+    }
+
+    fn bytes(&self) -> u64 {
+        size_of_val(self.links.as_slice()) as u64
+    }
+}
+
 impl<'a> Rows<'a> {
-    /// Nothing is computed yet. Memory: 4 bytes times the square of the number of elements once all rows are there.
-    pub fn new(elements: &'a Elements, ground: &'a Ground<'a>, probes: &'a [Probe], effort: Effort) -> Self {
-        Self { elements, ground, probes, effort, rows: vec![None; elements.len()], segments: 0 }
+    /// Nothing is computed yet. Memory: 8 bytes for each pair that sees itself, once all rows are there.
+    pub fn new(
+        elements: &'a Elements,
+        ground: &'a Ground<'a>,
+        probes: &'a Probes<'a>,
+        params: TransportParams,
+    ) -> Self {
+        Self { elements, ground, probes, params, rows: vec![None; elements.len()], kept: 0, segments: 0 }
     }
 
     /// Form factors from element `i` to every element.
-    pub fn row(&mut self, i: usize) -> &Row {
-        if self.rows[i].is_none() {
-            let (row, segments) = self.compute(i);
-            self.segments += segments;
-            self.rows[i] = Some(row);
+    pub fn row(&mut self, i: usize) -> Arc<Row> {
+        if let Some(row) = &self.rows[i] {
+            return row.clone();
         }
-        self.rows[i].as_ref().expect("computed above")
+        let (links, segments) = self.links(i, 0);
+        self.segments += segments;
+        let row = Arc::new(self.scaled(i, links));
+        self.keep(i, &row);
+        row
     }
 
-    /// The row of element `i` where it has been asked for.
-    pub fn computed(&self, i: usize) -> Option<&Row> {
-        self.rows[i].as_ref()
+    /// The row of element `i` where it is kept.
+    pub fn kept(&self, i: usize) -> Option<&Row> {
+        self.rows[i].as_deref()
     }
 
-    fn compute(&self, i: usize) -> (Row, u64) {
-        let pairs: Vec<(f32, u32)> =
-            (0..self.elements.len()).into_par_iter().with_min_len(32).map(|j| self.pair(i, j)).collect();
-        let segments = pairs.iter().map(|p| u64::from(p.1)).sum();
-        let sum: f64 = pairs.iter().map(|p| f64::from(p.0)).sum();
-        let scale = if sum > 0.0 { f64::from(self.probes[i].landed_share) / sum } else { 0.0 };
-        (Row { values: pairs.into_iter().map(|p| p.0).collect(), scale: scale as f32 }, segments)
+    /// Computes all rows, each pair once, where there is memory for them.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn complete(&mut self, progress: &dyn Progress) -> Result<()> {
+        let n = self.elements.len();
+        if 8 * (n as u64).pow(2) > 2 * MOST_KEPT || self.rows.iter().all(Option::is_some) {
+            return Ok(());
+        }
+        let upper: Vec<(Vec<(u32, f32)>, u64)> = (0..n)
+            .into_par_iter()
+            .map(|i| {
+                progress.check()?;
+                progress.advance(1);
+                Ok(self.links(i, i))
+            })
+            .collect::<Result<_>>()?;
+        let symmetric = matches!(self.params.method, Method::Area | Method::Analytic);
+        let mut all: Vec<Vec<(u32, f32)>> = vec![Vec::new(); n];
+        for (i, (links, segments)) in upper.into_iter().enumerate() {
+            self.segments += segments;
+            if symmetric {
+                for &(j, f) in links.iter().filter(|l| l.0 as usize != i) {
+                    let ratio = self.elements.area[i] / self.elements.area[j as usize];
+                    all[j as usize].push((i as u32, f * ratio));
+                }
+            }
+            all[i].extend(links);
+        }
+        for (i, links) in all.into_iter().enumerate() {
+            let row = Arc::new(self.scaled(i, links));
+            self.keep(i, &row);
+        }
+        Ok(())
+    }
+
+    /// Irradiance of every element by what all of them send [lx]: one sweep of gathering.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn gather(&mut self, sent: &[Rgb], progress: &dyn Progress) -> Result<Vec<Rgb>> {
+        self.complete(progress)?;
+        let mut received = Vec::with_capacity(sent.len());
+        if self.rows.iter().all(Option::is_some) {
+            self.rows
+                .par_iter()
+                .map(|row| row.as_ref().map_or(Rgb::ZERO, |r| r.gather(sent)))
+                .collect_into_vec(&mut received);
+        } else {
+            for i in 0..self.elements.len() {
+                progress.check()?;
+                received.push(self.row(i).gather(sent));
+            }
+        }
+        Ok(received)
+    }
+
+    fn keep(&mut self, i: usize, row: &Arc<Row>) {
+        if self.rows[i].is_none() && self.kept + row.bytes() <= MOST_KEPT {
+            self.kept += row.bytes();
+            self.rows[i] = Some(row.clone());
+        }
+    }
+
+    fn scaled(&self, i: usize, links: Vec<(u32, f32)>) -> Row {
+        let sum: f64 = links.iter().map(|l| f64::from(l.1)).sum();
+        let scale = match self.params.method {
+            Method::Area if sum > 0.0 => f64::from(self.probes.of(i).landed_share) / sum,
+            // It knows no occluders: what stands in front of something else must not make light.
+            Method::Analytic if sum > 1.0 => 1.0 / sum,
+            _ => 1.0,
+        };
+        Row { links, scale: scale as f32 }
+    }
+
+    /// The form factors from element `i` to elements from `first` on (to all where a row is found at once), and the segments
+    /// they took.
+    fn links(&self, i: usize, first: usize) -> (Vec<(u32, f32)>, u64) {
+        match self.params.method {
+            Method::Area | Method::Analytic => {
+                let pairs: Vec<(f32, u32)> =
+                    (first..self.elements.len()).into_par_iter().with_min_len(32).map(|j| self.pair(i, j)).collect();
+                let segments = pairs.iter().map(|p| u64::from(p.1)).sum();
+                let links = (first as u32..).zip(pairs).filter(|(_, p)| p.0 > 0.0).map(|(j, p)| (j, p.0)).collect();
+                (links, segments)
+            }
+            Method::Hemisphere | Method::Hemicube => (self.probes.of(i).landed.clone(), 0),
+        }
     }
 
     /// The form factor from `i` to `j`, and the segments it took.
@@ -62,19 +187,19 @@ impl<'a> Rows<'a> {
         }
         let ratio = self.elements.area[j] / self.elements.area[i];
         if let Some(other) = &self.rows[j] {
-            return (other.values[i] * ratio, 0);
+            return (other.estimate(i) * ratio, 0);
         }
         if self.elements.are_near(i, j) {
             // Both elements' rays estimate the same A_i F_ij; in proportion to the areas they count alike.
             return (0.5 * (self.landed(i, j) + ratio * self.landed(j, i)), 0);
         }
-        let f = area::form_factor(self.elements, self.ground, i, j, &self.effort);
+        let f = area::form_factor(self.elements, self.ground, i, j, &self.params.effort);
         (f.value as f32, f.samples)
     }
 
     /// The share of element `i`'s probe rays that landed on `j`.
     fn landed(&self, i: usize, j: usize) -> f32 {
-        let landed = &self.probes[i].landed;
+        let landed = &self.probes.of(i).landed;
         landed.binary_search_by_key(&(j as u32), |l| l.0).map_or(0.0, |k| landed[k].1)
     }
 }

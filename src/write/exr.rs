@@ -33,29 +33,31 @@ pub struct PageHeader<'a> {
     pub scene: &'a str,
 }
 
-/// Writes a page with the channels R, G, B and A (coverage, 0..=1): half floats, or 32-bit ones with `float`.
+/// Writes a page with the channels R, G, B and A (coverage, 0..=1), and `<layer>.R`, `.G` and `.B` for each of `layers`: half
+/// floats, or 32-bit ones with `float`.
 ///
 /// Returns how many texels had a value that half floats can't hold: beyond +-65504 (written as that) or NaN (written as
 /// 0). Always 0 with `float`, which writes the values as they are.
 ///
 /// # Errors
 /// `Invalid` where the image's size and data disagree, `Io` where the file can't be written.
-pub fn write_page(path: &Path, page: &PageImage, header: &PageHeader, float: bool) -> Result<usize> {
+pub fn write_page(
+    path: &Path,
+    page: &PageImage,
+    layers: &[(&str, &[Rgb])],
+    header: &PageHeader,
+    float: bool,
+) -> Result<usize> {
     let texels = page.width as usize * page.height as usize;
-    if page.rgb.len() != texels || page.coverage.len() != texels {
+    let is_whole = |rgb: &[Rgb]| rgb.len() == texels;
+    if !is_whole(&page.rgb) || page.coverage.len() != texels || !layers.iter().all(|(_, rgb)| is_whole(rgb)) {
         return Err(Error::invalid(path.display(), "the page's size and its data disagree"));
     }
-    let mut clamped = 0;
-    let channels = if float {
-        let mut channels = rgb_channels("", &page.rgb, FlatSamples::F32);
-        channels.push(AnyChannel::new("A", FlatSamples::F32(page.coverage.clone())));
-        channels
-    } else {
-        clamped = page.rgb.iter().filter(|c| c.to_array().iter().any(|v| half(*v).1)).count();
-        let mut channels = rgb_channels("", &page.rgb, half_samples);
-        channels.push(AnyChannel::new("A", half_samples(page.coverage.clone())));
-        channels
-    };
+    let images: Vec<(&str, &[Rgb])> = [("", page.rgb.as_slice())].into_iter().chain(layers.iter().copied()).collect();
+    let clamped = if float { 0 } else { page.rgb.iter().filter(|c| c.to_array().iter().any(|v| half(*v).1)).count() };
+    let samples = if float { FlatSamples::F32 } else { half_samples };
+    let mut channels: Vec<_> = images.iter().flat_map(|(name, rgb)| rgb_channels(name, rgb, samples)).collect();
+    channels.push(AnyChannel::new("A", samples(page.coverage.clone())));
     // UTF-8 as it stands: OpenEXR's own strings are bytes, and file names are UTF-8 nearly everywhere.
     let text = |s: &str| AttributeValue::Text(Text::from_slice_unchecked(s.as_bytes()));
     let attributes = [

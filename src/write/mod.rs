@@ -5,6 +5,7 @@ pub mod exr;
 pub mod gltf;
 pub mod output;
 pub mod usd;
+pub mod watch;
 
 use crate::load::Source;
 use crate::post::{Lightmap, Quantity, vertex::CornerColors};

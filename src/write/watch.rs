@@ -1,0 +1,69 @@
+//! Pages of a solution as it grows: an EXR and a small PNG of each, so that one can watch a scene light up.
+
+use super::exr::write_image;
+use crate::color::{Rgb, luminance};
+use crate::error::{Error, Result};
+use crate::light::{Direct, Lit};
+use crate::post::dilate::fill;
+use crate::post::{PageImage, Quantity};
+use std::path::{Path, PathBuf};
+
+/// Longest side of a PNG [pixels].
+const SIDE: u32 = 512;
+
+/// The sRGB-linear value that the scene's mean comes to, about, once all light is there.
+const MEAN_LEVEL: f32 = 0.35;
+
+/// A folder that pages are written into, `<iteration>_<page>.exr` and `.png`.
+pub struct WatchFolder<'a> {
+    folder: &'a Path,
+    quantity: Quantity,
+    /// Factor on page values, the same for all PNGs.
+    exposure: f32,
+}
+
+impl<'a> WatchFolder<'a> {
+    /// The exposure of the PNGs follows from the direct light of the scene and its mean albedo.
+    pub fn new(folder: &'a Path, lit: &Lit, direct: &Direct, quantity: Quantity) -> Self {
+        let (mut value, mut reflected, mut whole) = (0.0f64, 0.0f64, 0.0f64);
+        for (i, area) in lit.exposure.area.iter().enumerate() {
+            let area = f64::from(*area);
+            value += area * f64::from(luminance(quantity.of(direct.shown[i], lit.reflectance.0[i])));
+            reflected += area * f64::from(luminance(lit.reflectance.0[i]));
+            whole += area;
+        }
+        let mean = value / whole.max(f64::MIN_POSITIVE) / (1.0 - reflected / whole.max(f64::MIN_POSITIVE));
+        let exposure = if mean > 0.0 { MEAN_LEVEL / mean as f32 } else { 1.0 };
+        Self { folder, quantity, exposure }
+    }
+
+    /// Writes pages of `irradiance` by patch [lx].
+    ///
+    /// # Errors
+    /// `Io` naming the file.
+    pub fn show(&mut self, iteration: u64, lit: &Lit, irradiance: impl Fn(usize) -> Rgb) -> Result<()> {
+        std::fs::create_dir_all(self.folder).map_err(|e| Error::io(self.folder, e))?;
+        let pages = fill(lit, |i| self.quantity.of(irradiance(i), lit.reflectance.0[i]));
+        for (page, image) in pages.iter().enumerate() {
+            let name = |extension: &str| self.folder.join(format!("{iteration:06}_{page}.{extension}"));
+            write_image(&name("exr"), image.width, image.height, &image.rgb)?;
+            self.write_png(&name("png"), image)?;
+        }
+        Ok(())
+    }
+
+    fn write_png(&self, path: &PathBuf, page: &PageImage) -> Result<()> {
+        let byte = |v: f32| {
+            let v = (v * self.exposure).clamp(0.0, 1.0);
+            let srgb = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+            (255.0 * srgb + 0.5) as u8
+        };
+        let texels = page.rgb.iter().flat_map(|c| c.to_array().map(byte)).collect();
+        let whole = image::RgbImage::from_raw(page.width, page.height, texels).expect("a page holds all its texels");
+        let shrink = f64::from(SIDE) / f64::from(page.width.max(page.height));
+        let side = |n: u32| ((f64::from(n) * shrink).round() as u32).max(1);
+        let small =
+            if shrink < 1.0 { image::imageops::thumbnail(&whole, side(page.width), side(page.height)) } else { whole };
+        small.save(path).map_err(|e| Error::invalid(path.display(), e))
+    }
+}
