@@ -217,7 +217,7 @@ pub struct LightArgs {
 #[serde(rename_all = "kebab-case")]
 pub struct SolverArgs {
     /// How the radiosity system is solved; auto chooses by size, and the report says which [default: auto]
-    #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["auto", "full-matrix", "jacobi", "gauss-seidel", "progressive"]))]
+    #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["auto", "full-matrix", "jacobi", "gauss-seidel", "progressive", "hierarchical"]))]
     pub solver: Option<String>,
     /// How form factors are found; area: Monte Carlo area sampling; analytic: exact, but blind to what stands in between
     /// [default: area]
@@ -227,6 +227,10 @@ pub struct SolverArgs {
     /// --quality]
     #[arg(long, value_name = "N")]
     pub elements: Option<usize>,
+    /// Power that a link between clusters may misplace, relative to all power (hierarchical) [1e-12..0.01; default: by
+    /// --quality]
+    #[arg(long, value_name = "SHARE")]
+    pub link_error: Option<f64>,
     /// Stop after so many shots (progressive) or sweeps (others) [1 or more; default: once converged]
     #[arg(long, value_name = "N")]
     pub iterations: Option<u64>,

@@ -40,10 +40,11 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         name: lit.solution.solver.name(),
         form_factors: settings.form_factors,
         elements: lit.elements.len(),
-        iterations: lit.solution.iterations,
-        residual: lit.solution.residual,
-        unshot: lit.solution.unshot,
-        steps: lit.solution.steps.clone(),
+        iterations: lit.solution.exchange.iterations,
+        residual: lit.solution.exchange.residual,
+        unshot: lit.solution.exchange.unshot,
+        links: lit.solution.exchange.links,
+        steps: lit.solution.exchange.steps.clone(),
     };
     report.energy = lit.energy;
     for material in too_white(&loaded.scene) {

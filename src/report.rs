@@ -4,7 +4,7 @@ use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use crate::settings::Settings;
-use crate::solve::Step;
+use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
 use cpu_time::ProcessTime;
@@ -92,6 +92,9 @@ pub struct SolverReport {
     pub residual: f64,
     /// Power that was not shot, or that the last sweep added [lm].
     pub unshot: f64,
+    /// Absent for solvers without links.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub links: Option<LinkReport>,
     /// How it came to this.
     pub steps: Vec<Step>,
 }

@@ -38,6 +38,8 @@ pub struct Settings {
     pub form_factors: FormFactors,
     /// Elements that exchange light; as many as texels or more: each texel is one.
     pub elements: Option<usize>,
+    /// Power that a link of the hierarchical solver may misplace, relative to all power.
+    pub link_error: Option<f64>,
     /// Shots or sweeps after which the solver stops; none: once it has converged.
     pub iterations: Option<u64>,
     /// Progressive refinement sends ahead what the shooter is about to receive.
@@ -113,6 +115,8 @@ struct Preset {
     probe_rays: u32,
     /// Relative standard error of a form factor between elements.
     form_factor_error: f32,
+    /// Power that a link of the hierarchical solver may misplace, relative to all power.
+    link_error: f64,
     /// First shadow samples for polygons, and for each delta light.
     polygon_samples: u32,
     delta_samples: u32,
@@ -135,19 +139,23 @@ const RESIDUAL: f64 = 1e-3;
 
 impl Quality {
     fn preset(self) -> Preset {
-        let preset = |gather_samples, elements, probe_rays, form_factor_error, polygon_samples, delta_samples| Preset {
-            gather_samples,
-            elements,
-            probe_rays,
-            form_factor_error,
-            polygon_samples,
-            delta_samples,
-        };
+        let preset =
+            |gather_samples, elements, probe_rays, form_factor_error, link_error, polygon_samples, delta_samples| {
+                Preset {
+                    gather_samples,
+                    elements,
+                    probe_rays,
+                    form_factor_error,
+                    link_error,
+                    polygon_samples,
+                    delta_samples,
+                }
+            };
         match self {
-            Self::Draft => preset(64, 512, 256, 0.2, 8, 4),
-            Self::Medium => preset(256, 1536, 512, 0.1, 16, 8),
-            Self::High => preset(512, 3072, 1024, 0.1, 32, 8),
-            Self::Production => preset(1024, 6144, 1024, 0.05, 64, 16),
+            Self::Draft => preset(64, 512, 256, 0.2, 1e-5, 8, 4),
+            Self::Medium => preset(256, 1536, 512, 0.1, 3e-6, 16, 8),
+            Self::High => preset(512, 3072, 1024, 0.1, 1e-6, 32, 8),
+            Self::Production => preset(1024, 6144, 1024, 0.05, 3e-7, 64, 16),
         }
     }
 
@@ -185,6 +193,7 @@ impl Settings {
         within("samples", self.samples, 1, 65536)?;
         within("threads", self.threads, 1, 1024)?;
         within("elements", self.elements, 1, MOST_ELEMENTS)?;
+        within("link-error", self.link_error, 1e-12, 1e-2)?;
         within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
         self.check_solver()?;
@@ -295,6 +304,7 @@ impl Settings {
             max_bounces: self.max_bounces,
             iterations: self.iterations,
             residual: RESIDUAL,
+            link_error: self.link_error.unwrap_or(preset.link_error),
             overshoot: self.overshoot,
             ambient: self.ambient,
             bounces: if self.layers.contains(&LayerKind::Bounces) { MOST_BOUNCE_LAYERS } else { 0 },

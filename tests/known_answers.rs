@@ -163,9 +163,9 @@ fn two_rooms_and_a_slit_reach_the_dim_one() {
     let baked = bake_quads(&quads, 16, &settings);
     println!(
         "residual {}, shots {}, balance {}",
-        baked.solution.residual, baked.solution.iterations, baked.energy.imbalance
+        baked.solution.exchange.residual, baked.solution.exchange.iterations, baked.energy.imbalance
     );
-    assert!(baked.solution.residual <= 1e-3);
+    assert!(baked.solution.exchange.residual <= 1e-3);
     assert!(baked.energy.imbalance.abs() < 0.005, "{}", baked.energy.imbalance);
 }
 

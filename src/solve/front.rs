@@ -1,15 +1,15 @@
 //! From direct light to the light between elements: what they send first, the solver that was asked for, and its result.
 
-use super::sweep::Order;
 use super::system::{System, Watch};
-use super::{Exchange, Solution, SolveParams, Solver, full_matrix, progressive, sweep};
+use super::{Solution, SolveParams, Solver, full_matrix, hierarchical, progressive, sweep};
 use crate::Result;
 use crate::color::Rgb;
 use crate::light::direct::{Arriving, DirectParams, Receiver, arrive};
 use crate::light::{Direct, Lit};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
-use crate::transport::{Elements, Probes, Rows};
+use crate::transport::tree::Tree;
+use crate::transport::{Elements, Exchanger, Probes, Rows};
 use rayon::prelude::*;
 
 /// How often the direct light of a back is estimated: as an element is larger than a texel, so often more.
@@ -46,35 +46,45 @@ pub fn solve(
     let (every, show) = watch.map(|w| (w.every, w.show)).unzip();
     let mut show = show.map(|show| |iteration: u64, received: &[Rgb]| show(iteration, &irradiance(received)));
     let watch = show.as_mut().map(|show| Watch { every: every.flatten(), show });
-    let rows = Rows::new(elements, lit.ground, probes, params.transport.clone());
-    let mut system = System { elements, start: &start, rows };
+    let mut tree = None;
+    let mut rows = Rows::new(elements, lit.ground, probes, params.transport.clone());
+    let system = System { elements, start: &start };
     let solver = params.solver.choose(elements.len());
+    let mut links = None;
     let exchange = match solver {
-        Solver::FullMatrix => full_matrix::solve(&mut system, progress)?,
-        Solver::Jacobi => sweep::solve(&mut system, Order::Jacobi, params, watch, progress)?,
-        Solver::GaussSeidel => sweep::solve(&mut system, Order::GaussSeidel, params, watch, progress)?,
-        Solver::Auto | Solver::Progressive => progressive::solve(&mut system, params, watch, progress)?,
+        Solver::FullMatrix => full_matrix::solve(&system, &mut rows, progress)?,
+        Solver::Jacobi => sweep::jacobi(&system, &mut rows, params, watch, progress)?,
+        Solver::GaussSeidel => sweep::gauss_seidel(&system, &mut rows, params, watch, progress)?,
+        Solver::Auto | Solver::Progressive => progressive::solve(&system, &mut rows, params, watch, progress)?,
+        Solver::Hierarchical => {
+            let tree = tree.insert(Tree::new(elements, lit.ground));
+            let (found, exchange) = hierarchical::solve(&system, lit.ground, tree, probes, params, watch, progress)?;
+            links = Some(found);
+            exchange
+        }
     };
-    let bounces = bounces(&mut system, &exchange.received, params, progress)?;
-    let Exchange { received, iterations, residual, unshot, steps } = exchange;
+    let exchanger: &mut dyn Exchanger = match &mut links {
+        Some(links) => links,
+        None => &mut rows,
+    };
+    let bounces = bounces(&system, exchanger, &exchange.received, params, progress)?;
+    let segments = links.as_ref().map_or(rows.segments, |links| links.segments);
     let on_back = |e: usize| if elements.back[e] { probes.of(e).landed_share } else { 0.0 };
     Ok(Solution {
-        irradiance: irradiance(&received),
+        irradiance: irradiance(&exchange.received),
         bounces,
         landed_share: (0..elements.len()).map(on_back).collect(),
         solver,
-        iterations,
-        residual,
-        unshot,
-        steps,
+        exchange,
         inflow,
-        rays: system.rows.segments + probes.traced() + backs.iter().map(|b| b.rays).sum::<u64>(),
+        rays: segments + probes.traced() + backs.iter().map(|b| b.rays).sum::<u64>(),
     })
 }
 
 /// `received` by how often its light was reflected: once, twice, ..., the last with all that follow; each by a sweep of gathering.
 fn bounces(
-    system: &mut System,
+    system: &System,
+    exchanger: &mut dyn Exchanger,
     received: &[Rgb],
     params: &SolveParams,
     progress: &dyn Progress,
@@ -86,7 +96,7 @@ fn bounces(
     let mut sent = system.start.to_vec();
     let first: f64 = system.power(&sent).iter().sum();
     while all.len() + 1 < most && system.power(&sent).iter().sum::<f64>() > LEAST_BOUNCE * first {
-        let bounce = system.rows.gather(&sent, progress)?;
+        let bounce = exchanger.gather(&sent, progress)?;
         sent = bounce.iter().zip(&system.elements.albedo).map(|(e, rho)| *e * *rho).collect();
         rest.iter_mut().zip(&bounce).for_each(|(rest, e)| *rest -= *e);
         all.push(bounce);

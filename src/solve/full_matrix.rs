@@ -5,6 +5,7 @@ use super::{Exchange, MOST_FULL_MATRIX, Step, System};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::transport::{Exchanger, Rows};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -12,11 +13,11 @@ use rayon::prelude::*;
 ///
 /// # Errors
 /// `Invalid` where there are more than [`MOST_FULL_MATRIX`] elements; `Cancelled`.
-pub fn solve(system: &mut System, progress: &dyn Progress) -> Result<Exchange> {
+pub fn solve(system: &System, rows: &mut Rows, progress: &dyn Progress) -> Result<Exchange> {
     let n = system.elements.len();
     refuse_too_many(n)?;
-    let first = system.rows.gather(system.start, progress)?;
-    let rows = &system.rows;
+    let first = rows.gather(system.start, progress)?;
+    let rows = &*rows;
     let albedo = &system.elements.albedo;
     let of_channel = |c: usize| -> Result<Vec<f64>> {
         progress.check()?;
@@ -37,7 +38,7 @@ pub fn solve(system: &mut System, progress: &dyn Progress) -> Result<Exchange> {
     let channels: Vec<Vec<f64>> = (0..3).into_par_iter().map(of_channel).collect::<Result<_>>()?;
     let received = (0..n).map(|i| Rgb::from_array([0, 1, 2].map(|c| channels[c][i] as f32))).collect();
     let step = Step { iteration: 1, residual: 0.0, unshot: 0.0 };
-    Ok(Exchange { received, iterations: 1, residual: 0.0, unshot: 0.0, steps: vec![step] })
+    Ok(Exchange { received, iterations: 1, steps: vec![step], ..Exchange::default() })
 }
 
 /// Refuses more elements than the full matrix takes.

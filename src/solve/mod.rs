@@ -5,12 +5,13 @@
 pub mod convergence;
 pub mod front;
 pub mod full_matrix;
+pub mod hierarchical;
 pub mod progressive;
 pub mod sweep;
 pub mod system;
 
 pub use front::solve;
-pub use system::{Exchange, Step, System, Watch};
+pub use system::{Exchange, LinkReport, Step, System, Watch};
 
 use crate::color::Rgb;
 use crate::transport::TransportParams;
@@ -19,7 +20,7 @@ use crate::transport::TransportParams;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
-    /// [`Solver::Progressive`]. See [`Solver::choose`].
+    /// [`Solver::Progressive`] for few elements, [`Solver::Hierarchical`] for many.
     #[default]
     Auto,
     /// LU decomposition of I - F rho: the truth for small scenes.
@@ -30,16 +31,21 @@ pub enum Solver {
     GaussSeidel,
     /// Shooting in the order of unshot power.
     Progressive,
+    /// Gathering by links between clusters of elements.
+    Hierarchical,
 }
 
 /// Elements that the full matrix takes at most: 600 MB and about a minute.
 pub const MOST_FULL_MATRIX: usize = 5000;
 
+/// Elements up to which [`Solver::Auto`] shoots: beyond, links between clusters reach the same error sooner.
+const MOST_PROGRESSIVE: usize = 10_000;
+
 impl Solver {
     /// The solver that stands for `self` with `elements` elements.
     pub fn choose(self, elements: usize) -> Self {
-        let _ = elements;
         match self {
+            Self::Auto if elements > MOST_PROGRESSIVE => Self::Hierarchical,
             Self::Auto => Self::Progressive,
             chosen => chosen,
         }
@@ -53,6 +59,7 @@ impl Solver {
             Self::Jacobi => "jacobi",
             Self::GaussSeidel => "gauss-seidel",
             Self::Progressive => "progressive",
+            Self::Hierarchical => "hierarchical",
         }
     }
 }
@@ -68,6 +75,8 @@ pub struct SolveParams {
     pub iterations: Option<u64>,
     /// Estimated remaining change of each surface's mean radiosity, relative to it, at which to stop.
     pub residual: f64,
+    /// Power that a link of the hierarchy may misplace, relative to all power.
+    pub link_error: f64,
     /// Progressive refinement shoots ahead what the shooter is about to receive.
     pub overshoot: bool,
     /// Adds the ambient term for what progressive refinement has not shot.
@@ -88,13 +97,8 @@ pub struct Solution {
     pub landed_share: Vec<f32>,
     /// The solver that was used.
     pub solver: Solver,
-    /// Shots or sweeps that were made.
-    pub iterations: u64,
-    /// Estimated remaining change of the worst surface's mean radiosity, relative to it.
-    pub residual: f64,
-    /// Power that was not sent on [lm], luminance.
-    pub unshot: f64,
-    pub steps: Vec<Step>,
+    /// How it came about; what elements received from each other is part of `irradiance`.
+    pub exchange: Exchange,
     /// Light on backs straight from the sky and from lights that are no surface, as flux [lm].
     pub inflow: glam::DVec3,
     pub rays: u64,

@@ -9,7 +9,7 @@ use super::system::{Exchange, Step, System, Watch};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::progress::Progress;
-use crate::transport::{Elements, Row};
+use crate::transport::{Elements, Row, Rows};
 use rayon::prelude::*;
 
 /// Sweeps of gathering after the last shot: enough to bring a furnace within half a percent at every element.
@@ -26,7 +26,8 @@ const VIEWS: u64 = 32;
 /// # Errors
 /// `Cancelled`, and those of the watcher.
 pub fn solve(
-    system: &mut System,
+    system: &System,
+    rows: &mut Rows,
     params: &SolveParams,
     mut watch: Option<Watch>,
     progress: &dyn Progress,
@@ -51,7 +52,7 @@ pub fn solve(
             }
         }
         let Some(i) = shooter else { break };
-        shooting.shoot(i, &system.rows.row(i), &mut convergence);
+        shooting.shoot(i, &rows.row(i), &mut convergence);
         shots += 1;
         progress.advance(1);
         if let Some(watch) = &mut watch {
@@ -61,20 +62,20 @@ pub fn solve(
     let Step { residual, unshot, .. } = steps.last().copied().unwrap_or_default();
     // A sweep would add a bounce, or undo that the work was stopped early.
     let is_whole = params.max_bounces.is_none() && params.iterations.is_none();
-    let received = if is_whole { polish(system, shooting.received) } else { shooting.shown(params.ambient) };
-    Ok(Exchange { received, iterations: shots, residual, unshot, steps })
+    let received = if is_whole { polish(system, rows, shooting.received) } else { shooting.shown(params.ambient) };
+    Ok(Exchange { received, iterations: shots, residual, unshot, links: None, steps })
 }
 
 /// Ends the work with sweeps of gathering along the rows that were computed for shooting. What an element received by columns
 /// adds up to what lands but for the noise of each form factor; along its own row it does so exactly, as rows are scaled to.
-fn polish(system: &System, mut received: Vec<Rgb>) -> Vec<Rgb> {
+fn polish(system: &System, rows: &Rows, mut received: Vec<Rgb>) -> Vec<Rgb> {
     for _ in 0..POLISHING_SWEEPS {
         let sent = system.sent(&received);
         received = received
             .into_par_iter()
             .enumerate()
             // Without a row it never had anything to send: what it receives is next to nothing, or its albedo is.
-            .map(|(e, received)| system.rows.kept(e).map_or(received, |row| row.gather(&sent)))
+            .map(|(e, received)| rows.kept(e).map_or(received, |row| row.gather(&sent)))
             .collect();
     }
     received

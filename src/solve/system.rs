@@ -2,14 +2,13 @@
 
 use crate::Result;
 use crate::color::{Rgb, luminance};
-use crate::transport::{Elements, Rows};
+use crate::transport::Elements;
 
 /// `B = start + rho F B` over elements.
 pub struct System<'a> {
     pub elements: &'a Elements,
     /// The light that elements send on first, rho E0 [lm/m^2].
     pub start: &'a [Rgb],
-    pub rows: Rows<'a>,
 }
 
 /// Interreflected light as a solver found it.
@@ -23,7 +22,18 @@ pub struct Exchange {
     pub residual: f64,
     /// Power that was not sent on [lm], luminance.
     pub unshot: f64,
+    /// Links between clusters, and the error of irradiances that they leave, root mean square over the mean; hierarchical
+    /// solver alone.
+    pub links: Option<LinkReport>,
     pub steps: Vec<Step>,
+}
+
+/// How finely light is exchanged by links between clusters.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct LinkReport {
+    pub count: usize,
+    /// Estimated error of element irradiances, root mean square over the mean.
+    pub error: f64,
 }
 
 /// How far a solver was after some iterations.

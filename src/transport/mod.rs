@@ -8,12 +8,19 @@
 pub mod area;
 pub mod element;
 pub mod hemisphere;
+pub mod links;
 pub mod probes;
 pub mod row;
+pub mod tree;
 
 pub use element::Elements;
+pub use links::Links;
 pub use probes::Probes;
 pub use row::{Row, Rows, TransportParams};
+
+use crate::Result;
+use crate::color::Rgb;
+use crate::progress::Progress;
 
 /// How form factors are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -28,6 +35,15 @@ pub enum Method {
     Hemicube,
     /// Cosine-distributed rays from the element.
     Hemisphere,
+}
+
+/// Carries light from all elements to all elements.
+pub trait Exchanger {
+    /// Irradiance of every element by what all of them send [lx].
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    fn gather(&mut self, sent: &[Rgb], progress: &dyn Progress) -> Result<Vec<Rgb>>;
 }
 
 /// How exactly a form factor is wanted.

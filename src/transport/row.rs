@@ -1,6 +1,6 @@
 //! Rows of form factors, computed when they are first asked for and kept as sparse links as long as memory allows.
 
-use super::{Effort, Elements, Method, Probes, area};
+use super::{Effort, Elements, Exchanger, Method, Probes, area};
 use crate::Result;
 use crate::color::Rgb;
 use crate::patch::Ground;
@@ -59,6 +59,21 @@ impl Row {
 
     fn bytes(&self) -> u64 {
         size_of_val(self.links.as_slice()) as u64
+    }
+}
+
+impl Exchanger for Rows<'_> {
+    fn gather(&mut self, sent: &[Rgb], progress: &dyn Progress) -> Result<Vec<Rgb>> {
+        self.complete(progress)?;
+        if self.rows.iter().all(Option::is_some) {
+            return Ok(self.rows.par_iter().map(|row| row.as_ref().map_or(Rgb::ZERO, |r| r.gather(sent))).collect());
+        }
+        (0..self.elements.len())
+            .map(|i| {
+                progress.check()?;
+                Ok(self.row(i).gather(sent))
+            })
+            .collect()
     }
 }
 
@@ -124,27 +139,6 @@ impl<'a> Rows<'a> {
             self.keep(i, &row);
         }
         Ok(())
-    }
-
-    /// Irradiance of every element by what all of them send [lx]: one sweep of gathering.
-    ///
-    /// # Errors
-    /// `Cancelled`.
-    pub fn gather(&mut self, sent: &[Rgb], progress: &dyn Progress) -> Result<Vec<Rgb>> {
-        self.complete(progress)?;
-        let mut received = Vec::with_capacity(sent.len());
-        if self.rows.iter().all(Option::is_some) {
-            self.rows
-                .par_iter()
-                .map(|row| row.as_ref().map_or(Rgb::ZERO, |r| r.gather(sent)))
-                .collect_into_vec(&mut received);
-        } else {
-            for i in 0..self.elements.len() {
-                progress.check()?;
-                received.push(self.row(i).gather(sent));
-            }
-        }
-        Ok(received)
     }
 
     fn keep(&mut self, i: usize, row: &Arc<Row>) {
