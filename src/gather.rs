@@ -19,6 +19,9 @@ use crate::transport::{Elements, Probes};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
+/// Rays for the shares of elements' light that land, where no gather finds them.
+const MOST_PROBE_RAYS: u64 = 1 << 23;
+
 /// How much the gather does.
 #[derive(Clone, Debug)]
 pub struct GatherParams {
@@ -177,17 +180,21 @@ pub fn read_elements(
     progress: &dyn Progress,
 ) -> Result<Gathered> {
     progress.begin("gather", 0);
-    probes.shoot(|_| true, progress)?;
+    // Neighbours share a probe where there are more elements than rays to spare: it serves the energy balance alone.
+    let step = (elements.len() as u64 * u64::from(probes.rays())).div_ceil(MOST_PROBE_RAYS).max(1) as usize;
+    let has_sky = lit.lights.sky.is_some();
+    probes.shoot(|e| has_sky || e % step == 0, progress)?;
     let n = lit.ground.patches.len();
     let element = |i: usize| (elements.front_of[i] != NONE).then_some(elements.front_of[i] as usize);
     let read = |values: &[Rgb]| (0..n).map(|i| element(i).map_or(Rgb::ZERO, |e| values[e])).collect::<Vec<Rgb>>();
     let indirect = read(&solution.irradiance);
-    let sky: Vec<Rgb> = (0..n).map(|i| element(i).map_or(Rgb::ZERO, |e| probes.of(e).sky)).collect();
+    let of_sky = |e: usize| if has_sky { probes.of(e).sky } else { Rgb::ZERO };
+    let sky: Vec<Rgb> = (0..n).map(|i| element(i).map_or(Rgb::ZERO, of_sky)).collect();
     let flux = |i: usize| sky[i].as_dvec3() * f64::from(lit.exposure.area[i]);
     Ok(Gathered {
         irradiance: indirect.iter().zip(&direct.shown).map(|(i, d)| *i + *d).collect(),
         parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
-        landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e).landed_share)).collect(),
+        landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e - e % step).landed_share)).collect(),
         noise: 0.0,
         sky_inflow: (0..n).map(flux).sum(),
         rays: 0,

@@ -320,7 +320,7 @@ impl Refiner<'_> {
     fn between(&self, p: usize, q: usize, found: &mut Found, progress: &dyn Progress) -> Result<()> {
         let [a, b] = [p, q].map(|at| &self.tree.nodes[at]);
         let cosines = f64::from(a.most_cosine(b.centre, b.radius)) * f64::from(b.most_cosine(a.centre, a.radius));
-        if cosines <= 0.0 {
+        if cosines <= 0.0 || a.is_behind(b) || b.is_behind(a) {
             return Ok(());
         }
         let distance = f64::from(a.centre.distance(b.centre));

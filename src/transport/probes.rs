@@ -39,6 +39,11 @@ impl<'a> Probes<'a> {
         })
     }
 
+    /// Rays of each probe.
+    pub fn rays(&self) -> u32 {
+        self.rays
+    }
+
     /// Rays that were traced so far.
     pub fn traced(&self) -> u64 {
         u64::from(self.rays) * self.found.iter().filter(|p| p.get().is_some()).count() as u64

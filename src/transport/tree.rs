@@ -12,6 +12,9 @@ use std::f32::consts::{FRAC_PI_2, PI};
 /// A unit of difference between normals counts as much as this share of the cluster's diagonal.
 const NORMAL_WEIGHT: f32 = 0.5;
 
+/// What rises by less than this share of its size is flat: angles of normals in f32 are about that far off.
+const FLAT: f32 = 2e-3;
+
 /// A cluster of elements.
 #[derive(Clone, Copy, Debug)]
 pub struct Node {
@@ -58,6 +61,16 @@ impl Node {
     pub fn children(&self, at: usize) -> [usize; 2] {
         // The left subtree of m leaves has 2 m - 1 nodes.
         [at + 1, at + 2 * self.left as usize]
+    }
+
+    /// True where nothing of `other` lies in front of this cluster, as far as both are flat: neighbours on one wall touch, and
+    /// yet don't see each other.
+    pub fn is_behind(&self, other: &Self) -> bool {
+        let across = (1.0 - self.axis.dot(other.axis).powi(2)).max(0.0).sqrt();
+        let bulge = |node: &Self| if node.spread < FRAC_PI_2 { node.spread.sin() } else { 1.0 };
+        let height = (other.centre - self.centre).dot(self.axis);
+        let thickness = other.radius * (across + bulge(other)) + self.radius * bulge(self);
+        height + thickness <= FLAT * (self.radius + other.radius)
     }
 
     /// The largest cosine that a normal of the cluster can have to the way to any point within `radius` of `centre`; 0 where
