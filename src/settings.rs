@@ -209,6 +209,7 @@ impl Settings {
             floor: 4.0 / preset.elements as f32,
             first_samples: 4,
             most_samples: 256,
+            roulette: 0.0,
         };
         SolveParams { probe_rays: preset.probe_rays, effort, max_bounces: self.max_bounces, residual: RESIDUAL }
     }
