@@ -223,6 +223,9 @@ pub struct SolverArgs {
     /// [default: area]
     #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["area", "analytic", "hemicube", "hemisphere"]))]
     pub form_factors: Option<String>,
+    /// Cells along an edge of a hemicube's top [8..1024, even; default: 64]
+    #[arg(long, value_name = "N")]
+    pub hemicube: Option<u32>,
     /// Elements (clusters of texels) that exchange light; as many as texels: each texel is one [1..4194304; default: by
     /// --quality]
     #[arg(long, value_name = "N")]

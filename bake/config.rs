@@ -213,7 +213,7 @@ mod tests {
     fn every_setting_has_its_option() {
         let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
                     --quantity irradiance --float --max-bounces 4 --samples 64 --seed 5 --threads 2 --sky 1,2,0.1 \
-                    --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors area \
+                    --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --link-error 1e-6 --iterations 7 --overshoot=false --ambient --gather none --layers direct,bounces --watch w \
                     --watch-every 3";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();

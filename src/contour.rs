@@ -3,7 +3,7 @@
 //! `F = 1 / (2 pi) * sum over edges of angle(v_k, v_k+1) * (unit normal of the edge's plane through the point) . n`, over the
 //! polygon clipped at the point's horizon (Lambert 1760; Baum, Rushmeier, Winget 1989, section 3). Exact up to rounding.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// The most corners a polygon may have: a disc light's.
 pub const MOST_CORNERS: usize = 32;
@@ -15,15 +15,49 @@ pub fn point_to_polygon(position: Vec3, normal: Vec3, corners: &[Vec3]) -> f32 {
     let clipped = clipped.corners();
     let mut sum = 0.0f64;
     for (k, corner) in clipped.iter().enumerate() {
-        let (p, q) = (corner.as_dvec3(), clipped[(k + 1) % clipped.len()].as_dvec3());
-        let cross = p.cross(q);
-        let length = cross.length();
-        // Edges through the point add nothing: their plane is not defined, and its limit has no height over the horizon.
-        if length > 0.0 {
-            sum += length.atan2(p.dot(q)) / length * cross.dot(normal.as_dvec3());
-        }
+        sum += edge(corner.as_dvec3(), clipped[(k + 1) % clipped.len()].as_dvec3(), normal.as_dvec3());
     }
     ((sum / std::f64::consts::TAU).abs() as f32).min(1.0)
+}
+
+/// As [`point_to_polygon`], in double precision and for any number of corners: for integrals over the point, whose error
+/// estimates would take single precision's rounding for detail.
+pub fn point_to_polygon_f64(position: DVec3, normal: DVec3, corners: &[DVec3]) -> f64 {
+    let Some(&last) = corners.last() else { return 0.0 };
+    let mut sum = 0.0;
+    let (mut first, mut previous): (Option<DVec3>, Option<DVec3>) = (None, None);
+    let mut keep = |p: DVec3| {
+        if let Some(before) = previous {
+            sum += edge(before, p, normal);
+        }
+        first.get_or_insert(p);
+        previous = Some(p);
+    };
+    let mut p = last - position;
+    let mut hp = p.dot(normal);
+    for &corner in corners {
+        let q = corner - position;
+        let hq = q.dot(normal);
+        if (hp > 0.0 && hq < 0.0) || (hp < 0.0 && hq > 0.0) {
+            keep(p + (q - p) * (hp / (hp - hq)));
+        }
+        if hq >= 0.0 {
+            keep(q);
+        }
+        (p, hp) = (q, hq);
+    }
+    if let (Some(first), Some(last)) = (first, previous) {
+        sum += edge(last, first, normal);
+    }
+    (sum / std::f64::consts::TAU).abs().min(1.0)
+}
+
+/// What the edge from `p` to `q`, relative to the point, adds to the integral. Edges through the point add nothing: their plane
+/// is not defined, and its limit has no height over the horizon.
+fn edge(p: DVec3, q: DVec3, normal: DVec3) -> f64 {
+    let cross = p.cross(q);
+    let length = cross.length();
+    if length > 0.0 { length.atan2(p.dot(q)) / length * cross.dot(normal) } else { 0.0 }
 }
 
 /// The part of a polygon above a point's horizon.
@@ -76,6 +110,18 @@ mod tests {
         let square = [Vec3::new(0., 1., 0.), Vec3::new(1., 1., 0.), Vec3::new(1., 1., 1.), Vec3::new(0., 1., 1.)];
         let f = point_to_polygon(Vec3::ZERO, Vec3::Y, &square);
         assert!((f64::from(f) - expected).abs() < 1e-6, "{f} against {expected}");
+        let f = point_to_polygon_f64(DVec3::ZERO, DVec3::Y, &square.map(Vec3::as_dvec3));
+        assert!((f - expected).abs() < 1e-12, "{f} against {expected}");
+    }
+
+    #[test]
+    fn both_precisions_clip_at_the_horizon_alike() {
+        let corners =
+            [Vec3::new(1., -1., -0.5), Vec3::new(1.5, 0.3, -1.), Vec3::new(0.7, 2., 0.1), Vec3::new(0.2, 0.1, 1.)];
+        let (position, normal) = (Vec3::new(0.1, 0.0, 0.2), Vec3::new(0.1, 1.0, 0.2).normalize());
+        let single = point_to_polygon(position, normal, &corners);
+        let double = point_to_polygon_f64(position.as_dvec3(), normal.as_dvec3(), &corners.map(Vec3::as_dvec3));
+        assert!((f64::from(single) - double).abs() < 1e-6, "{single} against {double}");
     }
 
     #[test]

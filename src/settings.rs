@@ -5,6 +5,7 @@ use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::post::{LayerKind, Quantity};
 use crate::solve::{SolveParams, Solver, full_matrix};
+use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, UnwrapParams, UvMode};
 use crate::write::{BakedLights, GltfProfile};
@@ -36,6 +37,8 @@ pub struct Settings {
     pub float: bool,
     pub solver: Solver,
     pub form_factors: FormFactors,
+    /// Cells along an edge of a hemicube's top.
+    pub hemicube: Option<u32>,
     /// Elements that exchange light; as many as texels or more: each texel is one.
     pub elements: Option<usize>,
     /// Power that a link of the hierarchical solver may misplace, relative to all power.
@@ -125,6 +128,10 @@ struct Preset {
 /// Brightness samples of a sky with a picture for each ray of the final gather.
 const SKY_RATIO: f32 = 0.5;
 
+/// Cells along an edge of a hemicube's top, and hemicubes for each element: elements are small, one would nearly do.
+const HEMICUBE: u32 = 64;
+const HEMICUBE_POINTS: u32 = 4;
+
 /// Elements at most: about 2 GB.
 const MOST_ELEMENTS: usize = 1 << 22;
 
@@ -193,6 +200,10 @@ impl Settings {
         within("samples", self.samples, 1, 65536)?;
         within("threads", self.threads, 1, 1024)?;
         within("elements", self.elements, 1, MOST_ELEMENTS)?;
+        within("hemicube", self.hemicube, 8, 1024)?;
+        if self.hemicube.is_some_and(|cells| cells % 2 != 0) {
+            return Err(Error::invalid("hemicube", "the number of cells must be even: 8, 10, ... 1024"));
+        }
         within("link-error", self.link_error, 1e-12, 1e-2)?;
         within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
@@ -231,6 +242,12 @@ impl Settings {
             _ if self.overshoot && !is_progressive => return refuse("overshoot", "only progressive shoots"),
             _ if self.ambient && !is_progressive => return refuse("ambient", "only progressive has unshot light"),
             _ => {}
+        }
+        if self.solver == Solver::Hierarchical && self.form_factors != FormFactors::Area {
+            return refuse("form-factors", "links of the hierarchical solver are found by area sampling; leave it out");
+        }
+        if self.hemicube.is_some() && self.form_factors != FormFactors::Hemicube {
+            return refuse("hemicube", "is the resolution for form-factors hemicube, which is not chosen");
         }
         if self.max_bounces.is_some() {
             if matches!(self.solver, Solver::FullMatrix | Solver::GaussSeidel) {
@@ -297,10 +314,20 @@ impl Settings {
             floor: 4.0 / self.element_count() as f32,
             first_samples: 4,
             most_samples: 256,
+            roulette: 0.0,
         };
         SolveParams {
             solver: self.solver,
-            transport: TransportParams { method: self.form_factors, effort, probe_rays: preset.probe_rays },
+            transport: TransportParams {
+                method: self.form_factors,
+                effort,
+                hemicube: HemicubeParams {
+                    resolution: self.hemicube.unwrap_or(HEMICUBE),
+                    points: HEMICUBE_POINTS,
+                    rotate: true,
+                },
+                probe_rays: preset.probe_rays,
+            },
             max_bounces: self.max_bounces,
             iterations: self.iterations,
             residual: RESIDUAL,

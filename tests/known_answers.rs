@@ -10,7 +10,7 @@ use lumel::progress::Silent;
 use lumel::scene::{Environment, Light, LightShape};
 use lumel::settings::{Quality, Settings};
 use lumel::trace::Tracer;
-use lumel::transport::{Effort, Elements, form_factor};
+use lumel::transport::{Effort, Elements, Method, form_factor};
 use std::f32::consts::PI;
 use support::{Quad, atlas, bake, bake_quads, draft, room, scene};
 
@@ -25,7 +25,7 @@ fn between(a: Quad, b: Quad) -> f64 {
     let exposure = unocclude(&ground, 0, &Silent).unwrap();
     let elements = Elements::new(&ground, &exposure, &reflectance, 2, 0);
     assert_eq!(elements.len(), 2);
-    form_factor(&elements, &ground, 0, 1, &Effort::default()).value
+    form_factor(&elements, &ground, 0, 1, Method::Area, &Effort::default()).value
 }
 
 #[test]

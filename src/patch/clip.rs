@@ -52,7 +52,12 @@ impl Convex {
 
     /// The part with `low <= coordinate[axis] <= low + 1`.
     pub fn band(&self, axis: usize, low: f64) -> Self {
-        self.clip(axis, low, 1.0).clip(axis, low + 1.0, -1.0)
+        self.between(axis, low, low + 1.0)
+    }
+
+    /// The part with `low <= coordinate[axis] <= high`.
+    pub fn between(&self, axis: usize, low: f64, high: f64) -> Self {
+        self.clip(axis, low, 1.0).clip(axis, high, -1.0)
     }
 
     /// Signed area, positive for a turn from +x to +y.

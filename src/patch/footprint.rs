@@ -4,7 +4,7 @@ use super::Ground;
 use super::clip::Convex;
 use super::rasterize::texel_triangle;
 use crate::scene::Scene;
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{DVec2, DVec3, Vec2, Vec3, Vec3A};
 
 /// A point on a surface, on its front.
 #[derive(Clone, Copy, Debug)]
@@ -113,6 +113,27 @@ impl Ground<'_> {
             }
         }
         footprint
+    }
+
+    /// The part of triangle `number` in the texels from `low` up to and without `high` of its page: world corners [m] of a
+    /// convex polygon of at most seven, none where the triangle lies elsewhere. Its winding is that of the UVs.
+    pub fn cut(&self, number: u32, low: [u32; 2], high: [u32; 2]) -> Vec<DVec3> {
+        let (surface, triangle) = self.tracer.place(number);
+        let order = Scene::corner_order(&self.scene.surfaces[surface]);
+        let texels = texel_triangle(self.scene, self.atlas, surface, triangle);
+        let [a, b, c] = order.map(|k| texels[k]);
+        let world = self.scene.world_triangle(surface, triangle).map(Vec3::as_dvec3);
+        let mut part = Convex::triangle([a, b, c]);
+        for axis in [1, 0] {
+            part = part.between(axis, f64::from(low[axis]), f64::from(high[axis]));
+        }
+        let whole = (b - a).perp_dot(c - a);
+        let place = |p: &DVec2| {
+            let at = *p - a;
+            let (v, w) = (at.perp_dot(c - a) / whole, (b - a).perp_dot(at) / whole);
+            world[0] + (world[1] - world[0]) * v + (world[2] - world[0]) * w
+        };
+        if part.corners().len() >= 3 { part.corners().iter().map(place).collect() } else { Vec::new() }
     }
 }
 

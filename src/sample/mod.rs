@@ -2,7 +2,9 @@
 
 pub mod discrete;
 pub mod sequence;
+pub mod spherical;
 pub mod warp;
 
 pub use discrete::Discrete;
 pub use sequence::Sequence;
+pub use spherical::SphericalTriangle;

@@ -20,6 +20,7 @@ pub enum Stage {
     Probe,
     FormFactor,
     Gather,
+    Hemicube,
 }
 
 impl Sequence {

@@ -1,33 +1,46 @@
 //! Monte Carlo area sampling of a form factor (Wallace, Elmquist, Haines 1989): points on both elements, the kernel between
 //! them, and a segment for visibility; doubled until the standard error is small enough.
+//!
+//! Samples whose kernel is small can't matter much: with a threshold ([`Effort::roulette`]) only some of their segments are
+//! traced, in proportion to the kernel, and count for as much more (Russian roulette; Arvo, Kirk 1990). The mean stays the same.
 
+use super::batches::error_of_mean;
 use super::{Effort, Elements, FormFactor};
 use crate::patch::Ground;
+use crate::sample::sequence::{Sequence, Stage};
 use crate::trace::Segment;
 use std::f64::consts::PI;
 
 /// The form factor from element `i` to `j`, which must not touch.
 ///
-/// Symmetric: `A_i F_ij` comes out the same for (j, i), so a caller computes each pair once.
+/// Symmetric: `A_i F_ij` comes out the same for (j, i) at the same tolerance, so a caller computes each pair once.
 pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
     let (low, high) = (i.min(j), i.max(j));
     let area = f64::from(elements.area[j]);
-    let (mut sum, mut squares) = (0.0f64, 0.0f64);
-    let mut taken = 0u32;
+    // In terms of A_low F_low,high: the same segments are traced for either order.
+    let threshold = f64::from(effort.roulette) * area / f64::from(elements.area[high]);
+    let chance = Sequence::new(elements.seed, Stage::FormFactor, ((low as u64) << 28) | high as u64);
     let mut end = effort.first_samples.clamp(2, effort.most_samples.max(2));
-    let (mut segments, mut kernels, mut blocked) = (Vec::new(), Vec::new(), Vec::new());
+    let mut values: Vec<f64> = Vec::with_capacity(end as usize);
+    let (mut segments, mut drawn, mut blocked) = (Vec::new(), Vec::new(), Vec::new());
     let mut rays = 0;
     loop {
         segments.clear();
-        kernels.clear();
-        for index in taken..end {
+        drawn.clear();
+        for index in values.len() as u32..end {
+            values.push(0.0);
             let a = elements.point(ground, low, index);
             let b = elements.point(ground, high, index);
             let way = b.position - a.position;
             let square = f64::from(way.length_squared());
             let cos = f64::from(way.dot(a.normal)).max(0.0) * f64::from(-way.dot(b.normal)).max(0.0);
-            if cos > 0.0 {
-                kernels.push(area * cos / (PI * square * square));
+            if cos <= 0.0 {
+                continue;
+            }
+            let kernel = area * cos / (PI * square * square);
+            let passes = kernel >= threshold || f64::from(chance.point(index, 0)[3]) * threshold < kernel;
+            if passes {
+                drawn.push((values.len() - 1, kernel.max(threshold)));
                 segments.push(Segment { from: a.position, to: b.position });
             }
         }
@@ -35,19 +48,16 @@ pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, eff
         blocked.resize(segments.len(), false);
         ground.tracer.occluded(&segments, &mut blocked);
         rays += segments.len() as u32;
-        for (kernel, _) in kernels.iter().zip(&blocked).filter(|(_, blocked)| !**blocked) {
-            sum += kernel;
-            squares += kernel * kernel;
+        for (&(k, kernel), _) in drawn.iter().zip(&blocked).filter(|(_, blocked)| !**blocked) {
+            values[k] = kernel;
         }
-        taken = end;
-        let n = f64::from(taken);
-        let mean = sum / n;
-        let error = ((squares / n - mean * mean).max(0.0) / (n - 1.0)).sqrt();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let error = error_of_mean(&values);
         // All samples at nought say that the pair doesn't see itself: as far as can be told, to the tolerance.
-        let enough = if sum == 0.0 { taken >= 2 * effort.first_samples } else { error <= effort.tolerance(mean) };
-        if enough || taken >= effort.most_samples {
+        let enough = if mean == 0.0 { end >= 2 * effort.first_samples } else { error <= effort.tolerance(mean) };
+        if enough || end >= effort.most_samples {
             return FormFactor { value: mean, error, samples: rays };
         }
-        end = taken * 2;
+        end = values.len() as u32 * 2;
     }
 }

@@ -7,7 +7,7 @@
 //! and memory, grow with what there is to tell apart, not with the square of the elements.
 
 use super::tree::Tree;
-use super::{Effort, Elements, Exchanger, Probes};
+use super::{Effort, Elements, Exchanger, Outline, Probes, near};
 use crate::Result;
 use crate::color::Rgb;
 use crate::patch::Ground;
@@ -32,6 +32,10 @@ const DOUBT: f64 = 0.5;
 
 /// Pairs whose unoccluded power lies below this share of the bound are linked without a look at their error.
 const HARMLESS: f64 = 0.25;
+
+/// How exactly the form factor of two elements that nearly touch is found.
+const LEAF_EFFORT: Effort =
+    Effort { relative_error: 0.1, floor: 0.05, first_samples: 4, most_samples: 64, roulette: 0.0 };
 
 /// Pairs of clusters that are refined in parallel at least.
 const GRAIN: u32 = 64;
@@ -386,8 +390,8 @@ impl Refiner<'_> {
     /// Two elements that nearly touch.
     fn between_leaves(&self, p: usize, q: usize, found: &mut Found) -> Result<()> {
         let [i, j] = [p, q].map(|at| self.tree.order[self.tree.nodes[at].first as usize] as usize);
-        let effort = Effort { relative_error: 0.1, floor: 0.05, first_samples: 4, most_samples: 64 };
-        let f = super::form_factor(self.elements, self.ground, i, j, &effort);
+        let outlines = [i, j].map(|e| Outline::new(self.elements, self.ground, e));
+        let f = near::form_factor(self.elements, self.ground, i, j, outlines.each_ref(), &LEAF_EFFORT);
         let area = f64::from(self.elements.area[i]);
         let estimate =
             Estimate { value: f.value * area, error: f.error * area, samples: f.samples, segments: f.samples };

@@ -1,39 +1,52 @@
 //! Form factors: how much of what leaves one element arrives at another.
 //!
-//! `F_ij = 1/A_i * integral over A_i, A_j of cos cos V / (pi r^2)`. Pairs that are far apart for their size are found by Monte
-//! Carlo area sampling ([`area`]); near and touching ones, where that kernel is singular, by hemisphere sampling
-//! ([`hemisphere`]), which has no singularity and the visibility built in. They estimate the same, so the border between them
-//! is a matter of noise.
+//! `F_ij = 1/A_i * integral over A_i, A_j of cos cos V / (pi r^2)`, by any [`Method`] on the same elements, so that each checks
+//! the others:
+//!
+//! | method | far pairs | near and touching pairs | occluders | noise |
+//! |---|---|---|---|---|
+//! | [`area`] | points on both, a segment between them | analytic times sampled visibility ([`near`]) | yes | falls as asked |
+//! | [`analytic`] | Lambert's contour integral, adaptive quadrature | the same | none | none |
+//! | [`hemicube`] | the scene drawn over points of the shooter | the same | yes | aliasing |
+//! | [`hemisphere`] | the share of cosine-distributed rays that land | the same | yes | the most |
 
+pub mod analytic;
 pub mod area;
+mod batches;
 pub mod element;
+pub mod hemicube;
 pub mod hemisphere;
 pub mod links;
+pub mod near;
+pub mod outline;
 pub mod probes;
 pub mod row;
 pub mod tree;
 
 pub use element::Elements;
 pub use links::Links;
+pub use outline::Outline;
 pub use probes::Probes;
 pub use row::{Row, Rows, TransportParams};
 
 use crate::Result;
 use crate::color::Rgb;
+use crate::patch::Ground;
 use crate::progress::Progress;
+use hemicube::{Hemicube, HemicubeParams};
 
 /// How form factors are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Monte Carlo area sampling; near pairs by the analytic kernel times sampled visibility.
+    /// Points on both elements and the visibility between them, to the error asked for.
     #[default]
     Area,
-    /// Lambert's contour integral, as if nothing stood in between.
+    /// Contour integrals and quadrature: exact where nothing blocks; occluders are not seen.
     Analytic,
-    /// The scene rasterised on half cubes over the element.
+    /// The scene rasterised on half a cube.
     Hemicube,
-    /// Cosine-distributed rays from the element.
+    /// Cosine-distributed rays.
     Hemisphere,
 }
 
@@ -58,12 +71,15 @@ pub struct Effort {
     pub first_samples: u32,
     /// Samples a pair gets at most; a power of two, 2..=65536.
     pub most_samples: u32,
+    /// Samples whose kernel, as a share of the form factor's unit, is below this trace their segment only at times, see
+    /// [`area`]; 0: always.
+    pub roulette: f32,
 }
 
 impl Default for Effort {
     /// For one form factor on its own: 0.2 %.
     fn default() -> Self {
-        Self { relative_error: 0.002, floor: 0.0, first_samples: 32, most_samples: 1 << 16 }
+        Self { relative_error: 0.002, floor: 0.0, first_samples: 32, most_samples: 1 << 16, roulette: 0.0 }
     }
 }
 
@@ -84,17 +100,25 @@ pub struct FormFactor {
     pub samples: u32,
 }
 
-/// The form factor from element `i` to element `j`.
+/// The form factor from element `i` to element `j` by `method`. What `samples` counts is the method's: segments, points, cubes
+/// or rays. Elements that see themselves (i = j) go by the hemisphere where the method is `Area`.
 pub fn form_factor(
     elements: &Elements,
-    ground: &crate::patch::Ground,
+    ground: &Ground,
     i: usize,
     j: usize,
+    method: Method,
     effort: &Effort,
 ) -> FormFactor {
-    if elements.are_near(i, j) {
-        hemisphere::form_factor(elements, ground, i, j, effort)
-    } else {
-        area::form_factor(elements, ground, i, j, effort)
+    let outlines = || [i, j].map(|e| Outline::new(elements, ground, e));
+    match method {
+        Method::Area if i == j => hemisphere::form_factor(elements, ground, i, j, effort),
+        Method::Area if elements.are_near(i, j) => {
+            near::form_factor(elements, ground, i, j, outlines().each_ref(), effort)
+        }
+        Method::Area => area::form_factor(elements, ground, i, j, effort),
+        Method::Analytic => analytic::form_factor(elements, i, j, outlines().each_ref(), effort),
+        Method::Hemicube => Hemicube::new(&HemicubeParams::default()).pair(elements, ground, i, j, effort),
+        Method::Hemisphere => hemisphere::form_factor(elements, ground, i, j, effort),
     }
 }

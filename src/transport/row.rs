@@ -1,12 +1,13 @@
 //! Rows of form factors, computed when they are first asked for and kept as sparse links as long as memory allows.
 
-use super::{Effort, Elements, Exchanger, Method, Probes, area};
+use super::hemicube::{self, HemicubeParams};
+use super::{Effort, Elements, Exchanger, Method, Outline, Probes, analytic, area, near};
 use crate::Result;
 use crate::color::Rgb;
 use crate::patch::Ground;
 use crate::progress::Progress;
 use rayon::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Memory for kept rows [bytes]; rows beyond are thrown away and computed anew each time.
 const MOST_KEPT: u64 = 4 << 30;
@@ -16,6 +17,7 @@ const MOST_KEPT: u64 = 4 << 30;
 pub struct TransportParams {
     pub method: Method,
     pub effort: Effort,
+    pub hemicube: HemicubeParams,
     /// Rays that probe each element; a power of two.
     pub probe_rays: u32,
 }
@@ -26,6 +28,7 @@ pub struct Rows<'a> {
     ground: &'a Ground<'a>,
     probes: &'a Probes<'a>,
     params: TransportParams,
+    outlines: Vec<OnceLock<Outline>>,
     rows: Vec<Option<Arc<Row>>>,
     kept: u64,
     /// Segments that were traced.
@@ -85,7 +88,9 @@ impl<'a> Rows<'a> {
         probes: &'a Probes<'a>,
         params: TransportParams,
     ) -> Self {
-        Self { elements, ground, probes, params, rows: vec![None; elements.len()], kept: 0, segments: 0 }
+        let n = elements.len();
+        let (outlines, rows) = (vec![OnceLock::new(); n], vec![None; n]);
+        Self { elements, ground, probes, params, outlines, rows, kept: 0, segments: 0 }
     }
 
     /// Form factors from element `i` to every element.
@@ -170,25 +175,37 @@ impl<'a> Rows<'a> {
                 let links = (first as u32..).zip(pairs).filter(|(_, p)| p.0 > 0.0).map(|(j, p)| (j, p.0)).collect();
                 (links, segments)
             }
-            Method::Hemisphere | Method::Hemicube => (self.probes.of(i).landed.clone(), 0),
+            Method::Hemisphere => (self.probes.of(i).landed.clone(), 0),
+            Method::Hemicube => (hemicube::row(self.elements, self.ground, i, &self.params.hemicube), 0),
         }
     }
 
     /// The form factor from `i` to `j`, and the segments it took.
     fn pair(&self, i: usize, j: usize) -> (f32, u32) {
         if i == j {
-            return (self.landed(i, i), 0);
+            // Flat ones don't see themselves; without rays nothing is known of the others.
+            return if self.params.method == Method::Analytic { (0.0, 0) } else { (self.landed(i, i), 0) };
         }
         let ratio = self.elements.area[j] / self.elements.area[i];
         if let Some(other) = &self.rows[j] {
             return (other.estimate(i) * ratio, 0);
         }
-        if self.elements.are_near(i, j) {
-            // Both elements' rays estimate the same A_i F_ij; in proportion to the areas they count alike.
-            return (0.5 * (self.landed(i, j) + ratio * self.landed(j, i)), 0);
-        }
-        let f = area::form_factor(self.elements, self.ground, i, j, &self.params.effort);
-        (f.value as f32, f.samples)
+        let effort = &self.params.effort;
+        let outlines = || [self.outline(i), self.outline(j)];
+        let f = match self.params.method {
+            Method::Analytic => analytic::form_factor(self.elements, i, j, outlines(), effort),
+            _ if self.elements.are_near(i, j) => {
+                near::form_factor(self.elements, self.ground, i, j, outlines(), effort)
+            }
+            _ => area::form_factor(self.elements, self.ground, i, j, effort),
+        };
+        // The quadrature's points are no segments.
+        let segments = if self.params.method == Method::Analytic { 0 } else { f.samples };
+        (f.value as f32, segments)
+    }
+
+    fn outline(&self, e: usize) -> &Outline {
+        self.outlines[e].get_or_init(|| Outline::new(self.elements, self.ground, e))
     }
 
     /// The share of element `i`'s probe rays that landed on `j`.
