@@ -108,12 +108,14 @@ impl Report {
         let (count, sizes) = (pages.len(), pages.join(", "));
         let mut lines = vec![format!("{what} at {:.4} texels/m on {count} page(s): {sizes}", self.density)];
         if is_lit {
-            lines.push(format!(
-                "noise {:.2} %, residual {:.3} %, energy balance {:+.3} %",
-                100.0 * self.noise,
-                100.0 * self.solver.residual,
-                100.0 * self.energy.imbalance
-            ));
+            let residual = match self.solver.residual {
+                r if r > 1.0 => "above 100 %".to_string(),
+                r => format!("{:.3} %", 100.0 * r),
+            };
+            let (noise, balance) = (100.0 * self.noise, 100.0 * self.energy.imbalance);
+            let (name, elements) = (self.solver.name, self.solver.elements);
+            lines.push(format!("{name} over {elements} elements, residual {residual}"));
+            lines.push(format!("noise {noise:.2} %, energy balance {balance:+.3} %"));
         }
         lines
     }

@@ -145,6 +145,11 @@ impl Convergence {
                 break;
             }
         }
+        // No group can get more than all of it, however often it is reflected.
+        let whole: f64 = self.groups.area.iter().sum();
+        let mean = self.albedo.iter().zip(&self.groups.area).map(|(rho, a)| rho * a).sum::<f64>() / whole;
+        let most = total / (1.0 - mean).max(1e-3);
+        change.iter_mut().for_each(|c| *c = c.min(most));
         self.groups.worst(&change, &self.groups.sums(sent))
     }
 }

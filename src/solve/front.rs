@@ -57,7 +57,7 @@ pub fn solve(
         Solver::GaussSeidel => sweep::gauss_seidel(&system, &mut rows, params, watch, progress)?,
         Solver::Auto | Solver::Progressive => progressive::solve(&system, &mut rows, params, watch, progress)?,
         Solver::Hierarchical => {
-            let tree = tree.insert(Tree::new(elements, lit.ground));
+            let tree = tree.insert(Tree::new(elements));
             let (found, exchange) = hierarchical::solve(&system, lit.ground, tree, probes, params, watch, progress)?;
             links = Some(found);
             exchange

@@ -4,6 +4,7 @@
 //! 1993 gather from such a solution). Elements are found by halving: the largest one is cut across its longest side until
 //! there are as many as wanted. Texels on the back of double-sided surfaces have elements of their own.
 
+use super::cluster::Cluster;
 use crate::color::Rgb;
 use crate::patch::{Ground, NONE, Reflectance, SurfacePoint, footprint::CellMask, unocclude::Exposure};
 use crate::sample::Discrete;
@@ -33,6 +34,8 @@ pub struct Elements {
     pub centre: Vec<Vec3>,
     /// Largest distance of a texel from the centre [m].
     pub radius: Vec<f32>,
+    /// All of that, and which ways it faces.
+    pub cluster: Vec<Cluster>,
     /// Mean albedo, 0..=1.
     pub albedo: Vec<Rgb>,
     /// True on the back of its surface.
@@ -112,6 +115,7 @@ impl Elements {
             area: Vec::with_capacity(n),
             centre: Vec::with_capacity(n),
             radius: Vec::with_capacity(n),
+            cluster: Vec::with_capacity(n),
             albedo: Vec::with_capacity(n),
             back: Vec::with_capacity(n),
             surface: Vec::with_capacity(n),
@@ -137,7 +141,10 @@ impl Elements {
             let far = members
                 .iter()
                 .map(|&i| patches.position[i as usize].distance(centre) + (0.5 * patches.area[i as usize]).sqrt());
-            all.radius.push(far.fold(0.0, f32::max));
+            let radius = far.fold(0.0, f32::max);
+            let (axis, spread) = facing(ground, *back, members);
+            all.cluster.push(Cluster::new(area as f32, centre, radius, axis, spread));
+            all.radius.push(radius);
             all.area.push(area as f32);
             all.centre.push(centre);
             all.albedo.push(mean(&|i| reflectance.0[i]));
@@ -234,6 +241,15 @@ impl Elements {
         let e = if hit.back { self.back_of[patch] } else { self.front_of[patch] };
         (e != NONE).then_some(e)
     }
+}
+
+/// Mean normal of an element, and the largest angle of a patch's normal to it.
+fn facing(ground: &Ground, back: bool, members: &[u32]) -> (Vec3, f32) {
+    let patches = ground.patches;
+    let sum: Vec3 = members.iter().map(|&i| patches.normal[i as usize] * patches.area[i as usize]).sum();
+    let mean = sum.normalize_or(patches.normal[members[0] as usize]);
+    let least = members.iter().map(|&i| mean.dot(patches.normal[i as usize])).fold(1.0f32, f32::min);
+    (if back { -mean } else { mean }, least.clamp(-1.0, 1.0).acos())
 }
 
 /// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes. Regions large enough for a cluster of

@@ -180,12 +180,12 @@ impl<'a> Links<'a> {
         for link in &self.links {
             let [p, q] = link.ends.map(|e| e as usize);
             for (to, from) in [(p, q), (q, p)] {
-                let area = f64::from(nodes[to].area);
+                let area = f64::from(nodes[to].cluster.area);
                 squares += (f64::from(link.error) * f64::from(bright[from])).powi(2) / area;
                 flux += f64::from(link.exchange) * f64::from(bright[from]);
             }
         }
-        let area = f64::from(nodes[0].area);
+        let area = f64::from(nodes[0].cluster.area);
         if flux > 0.0 { (squares / area).sqrt() / (flux / area) } else { 0.0 }
     }
 
@@ -209,7 +209,7 @@ impl<'a> Links<'a> {
             let [p, q] = link.ends;
             let mut put = |from: u32, to: u32| {
                 let slot = &mut next[from as usize];
-                ways[*slot as usize] = (to, link.exchange / self.tree.nodes[from as usize].area);
+                ways[*slot as usize] = (to, link.exchange / self.tree.nodes[from as usize].cluster.area);
                 *slot += 1;
             };
             put(p, q);
@@ -322,9 +322,9 @@ impl Refiner<'_> {
 
     /// Links between the elements below `p` and those below `q`.
     fn between(&self, p: usize, q: usize, found: &mut Found, progress: &dyn Progress) -> Result<()> {
-        let [a, b] = [p, q].map(|at| &self.tree.nodes[at]);
-        let cosines = f64::from(a.most_cosine(b.centre, b.radius)) * f64::from(b.most_cosine(a.centre, a.radius));
-        if cosines <= 0.0 || a.is_behind(b) || b.is_behind(a) {
+        let [a, b] = [p, q].map(|at| &self.tree.nodes[at].cluster);
+        let cosines = f64::from(a.most_cosine(b)) * f64::from(b.most_cosine(a));
+        if cosines <= 0.0 || !a.can_see(b) {
             return Ok(());
         }
         let distance = f64::from(a.centre.distance(b.centre));
@@ -375,7 +375,7 @@ impl Refiner<'_> {
     fn split(&self, p: usize, q: usize, found: &mut Found, progress: &dyn Progress) -> Result<()> {
         progress.check()?;
         let [a, b] = [p, q].map(|at| &self.tree.nodes[at]);
-        if b.is_leaf() || (!a.is_leaf() && a.radius >= b.radius) {
+        if b.is_leaf() || (!a.is_leaf() && a.cluster.radius >= b.cluster.radius) {
             for child in a.children(p) {
                 self.between(child, q, found, progress)?;
             }
@@ -401,7 +401,7 @@ impl Refiner<'_> {
 
     /// Area sampling between two clusters, going on from `before`.
     fn sample(&self, p: usize, q: usize, range: std::ops::Range<u32>, before: Option<Estimate>) -> Estimate {
-        let [a, b] = [p, q].map(|at| &self.tree.nodes[at]);
+        let [a, b] = [p, q].map(|at| &self.tree.nodes[at].cluster);
         let key = ((p.min(q) as u64) << 32) | p.max(q) as u64;
         let sequence = Sequence::new(self.elements.seed, Stage::FormFactor, key);
         let areas = f64::from(a.area) * f64::from(b.area);

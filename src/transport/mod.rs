@@ -13,6 +13,7 @@
 pub mod analytic;
 pub mod area;
 mod batches;
+pub mod cluster;
 pub mod element;
 pub mod hemicube;
 pub mod hemisphere;
@@ -87,6 +88,12 @@ impl Effort {
     /// The standard error that is good enough for a form factor of about `f`.
     fn tolerance(&self, f: f64) -> f64 {
         f64::from(self.relative_error) * f.max(f64::from(self.floor))
+    }
+
+    /// True where a form factor of at most `f` may be found by one sample: whether that sees its way or not, it is off by half
+    /// of `f` at most, as a standard deviation.
+    fn is_small(&self, f: f32) -> bool {
+        0.5 * f64::from(f) <= self.tolerance(0.0)
     }
 }
 

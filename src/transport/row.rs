@@ -190,6 +190,10 @@ impl<'a> Rows<'a> {
         if let Some(other) = &self.rows[j] {
             return (other.estimate(i) * ratio, 0);
         }
+        let [a, b] = [i, j].map(|e| &self.elements.cluster[e]);
+        if !a.can_see(b) {
+            return (0.0, 0);
+        }
         let effort = &self.params.effort;
         let outlines = || [self.outline(i), self.outline(j)];
         let f = match self.params.method {
@@ -197,6 +201,7 @@ impl<'a> Rows<'a> {
             _ if self.elements.are_near(i, j) => {
                 near::form_factor(self.elements, self.ground, i, j, outlines(), effort)
             }
+            _ if effort.is_small(a.most_form_factor(b)) => area::glance(self.elements, self.ground, i, j, effort),
             _ => area::form_factor(self.elements, self.ground, i, j, effort),
         };
         // The quadrature's points are no segments.

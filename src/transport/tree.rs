@@ -4,30 +4,18 @@
 //! before they are cut. Cost: n log n.
 
 use super::Elements;
+use super::cluster::Cluster;
 use crate::color::Rgb;
-use crate::patch::{Ground, SurfacePoint};
+use crate::patch::SurfacePoint;
 use glam::Vec3;
-use std::f32::consts::{FRAC_PI_2, PI};
 
 /// A unit of difference between normals counts as much as this share of the cluster's diagonal.
 const NORMAL_WEIGHT: f32 = 0.5;
 
-/// What rises by less than this share of its size is flat: angles of normals in f32 are about that far off.
-const FLAT: f32 = 2e-3;
-
 /// A cluster of elements.
 #[derive(Clone, Copy, Debug)]
 pub struct Node {
-    /// Area [m^2].
-    pub area: f32,
-    /// Area-weighted centre [m].
-    pub centre: Vec3,
-    /// Largest distance of a point from the centre [m].
-    pub radius: f32,
-    /// Mean normal, unit.
-    pub axis: Vec3,
-    /// Largest angle of a normal to the axis [rad], 0..=pi.
-    pub spread: f32,
+    pub cluster: Cluster,
     /// Its elements are `order[first..end]`.
     pub first: u32,
     pub end: u32,
@@ -62,39 +50,14 @@ impl Node {
         // The left subtree of m leaves has 2 m - 1 nodes.
         [at + 1, at + 2 * self.left as usize]
     }
-
-    /// True where nothing of `other` lies in front of this cluster, as far as both are flat: neighbours on one wall touch, and
-    /// yet don't see each other.
-    pub fn is_behind(&self, other: &Self) -> bool {
-        let across = (1.0 - self.axis.dot(other.axis).powi(2)).max(0.0).sqrt();
-        let bulge = |node: &Self| if node.spread < FRAC_PI_2 { node.spread.sin() } else { 1.0 };
-        let height = (other.centre - self.centre).dot(self.axis);
-        let thickness = other.radius * (across + bulge(other)) + self.radius * bulge(self);
-        height + thickness <= FLAT * (self.radius + other.radius)
-    }
-
-    /// The largest cosine that a normal of the cluster can have to the way to any point within `radius` of `centre`; 0 where
-    /// all of them face away.
-    pub fn most_cosine(&self, centre: Vec3, radius: f32) -> f32 {
-        let way = centre - self.centre;
-        let distance = way.length();
-        let reach = self.radius + radius;
-        if distance <= reach {
-            return 1.0;
-        }
-        let between = (self.axis.dot(way) / distance).clamp(-1.0, 1.0).acos();
-        let least = (between - self.spread - (reach / distance).asin()).max(0.0);
-        if least >= FRAC_PI_2 { 0.0 } else { least.cos() }
-    }
 }
 
 impl Tree {
     /// The tree over `elements`, of which there is at least one.
-    pub fn new(elements: &Elements, ground: &Ground) -> Self {
+    pub fn new(elements: &Elements) -> Self {
         let n = elements.len();
-        let facing: Vec<(Vec3, f32)> = (0..n).map(|e| facing(elements, ground, e)).collect();
         let item = |e: usize| {
-            let (centre, normal) = (elements.centre[e], facing[e].0);
+            let Cluster { centre, axis: normal, .. } = elements.cluster[e];
             Item { element: e as u32, place: [centre.x, centre.y, centre.z, normal.x, normal.y, normal.z] }
         };
         let mut items: Vec<Item> = (0..n).map(item).collect();
@@ -111,17 +74,16 @@ impl Tree {
         for at in (0..tree.nodes.len()).rev() {
             let node = tree.nodes[at];
             tree.nodes[at] = if node.is_leaf() {
-                let e = tree.order[node.first as usize] as usize;
-                let (axis, spread) = facing[e];
-                let (area, centre, radius) = (elements.area[e], elements.centre[e], elements.radius[e]);
-                boxes[at] = [centre - radius, centre + radius];
-                Node { area, centre, radius, axis, spread, ..node }
+                let cluster = elements.cluster[tree.order[node.first as usize] as usize];
+                boxes[at] = [cluster.centre - cluster.radius, cluster.centre + cluster.radius];
+                Node { cluster, ..node }
             } else {
                 let [l, r] = node.children(at);
                 boxes[at] = [boxes[l][0].min(boxes[r][0]), boxes[l][1].max(boxes[r][1])];
-                let joined = joined(node, &tree.nodes[l], &tree.nodes[r]);
-                let corner = (boxes[at][1] - joined.centre).max(joined.centre - boxes[at][0]);
-                Node { radius: joined.radius.min(corner.length()), ..joined }
+                let mut cluster = tree.nodes[l].cluster.joined(&tree.nodes[r].cluster);
+                let corner = (boxes[at][1] - cluster.centre).max(cluster.centre - boxes[at][0]);
+                cluster.radius = cluster.radius.min(corner.length());
+                Node { cluster, ..node }
             };
         }
         tree
@@ -132,8 +94,8 @@ impl Tree {
         let mut open = vec![(0u32, n as u32)];
         while let Some((first, end)) = open.pop() {
             let left = lefts[self.nodes.len()];
-            let (area, centre, radius, axis, spread) = (0.0, Vec3::ZERO, 0.0, Vec3::Z, 0.0);
-            self.nodes.push(Node { area, centre, radius, axis, spread, first, end, left });
+            // Bounds follow, children before their parents.
+            self.nodes.push(Node { cluster: Cluster::new(0.0, Vec3::ZERO, 0.0, Vec3::Z, 0.0), first, end, left });
             if left > 0 {
                 open.push((first + left, end));
                 open.push((first, first + left));
@@ -170,7 +132,7 @@ impl Tree {
                 values[self.order[node.first as usize] as usize]
             } else {
                 let [l, r] = node.children(at);
-                let (a, b) = (self.nodes[l].area, self.nodes[r].area);
+                let (a, b) = (self.nodes[l].cluster.area, self.nodes[r].cluster.area);
                 (all[l] * a + all[r] * b) / (a + b).max(f32::MIN_POSITIVE)
             };
         }
@@ -192,17 +154,6 @@ impl Tree {
         }
         of_elements
     }
-}
-
-/// Mean normal of an element, and the largest angle of a patch's normal to it.
-fn facing(elements: &Elements, ground: &Ground, e: usize) -> (Vec3, f32) {
-    let patches = ground.patches;
-    let members = elements.members(e);
-    let sum: Vec3 = members.iter().map(|&i| patches.normal[i as usize] * patches.area[i as usize]).sum();
-    let mean = sum.normalize_or(patches.normal[members[0] as usize]);
-    let least = members.iter().map(|&i| mean.dot(patches.normal[i as usize])).fold(1.0f32, f32::min);
-    let sign = if elements.back[e] { -1.0 } else { 1.0 };
-    (mean * sign, least.clamp(-1.0, 1.0).acos())
 }
 
 /// Sorts `items` into the order of leaves; `lefts` receives the size of each node's left child, parents first.
@@ -236,14 +187,4 @@ fn split(items: &mut [Item], lefts: &mut [u32]) {
     let (a, b) = items.split_at_mut(left);
     let (of_a, of_b) = lefts[1..].split_at_mut(2 * left - 1);
     rayon::join(|| split(a, of_a), || split(b, of_b));
-}
-
-fn joined(node: Node, l: &Node, r: &Node) -> Node {
-    let area = l.area + r.area;
-    let centre = (l.centre * l.area + r.centre * r.area) / area.max(f32::MIN_POSITIVE);
-    let radius = [l, r].map(|c| c.centre.distance(centre) + c.radius);
-    let axis = (l.axis * l.area + r.axis * r.area).normalize_or(l.axis);
-    let spread = [l, r].map(|c| axis.dot(c.axis).clamp(-1.0, 1.0).acos() + c.spread);
-    let spread = spread[0].max(spread[1]).min(PI);
-    Node { area, centre, radius: radius[0].max(radius[1]), axis, spread, ..node }
 }
