@@ -42,7 +42,7 @@ impl Default for HemicubeParams {
 /// Sides, the top first.
 const FACES: usize = 5;
 
-/// What a cell shows: nothing yet.
+/// The triangle of a cell that shows none.
 const EMPTY: u32 = u32::MAX;
 
 /// Hemicubes are spread over an element in a pair's estimate until there are this many times fewer than samples allowed: one
@@ -55,21 +55,24 @@ pub struct Hemicube {
     /// Delta form factors of the top's cells, then of one side's, row by row from the horizon.
     top: Vec<f32>,
     side: Vec<f32>,
-    /// By face and cell: triangle number, distance [m], weights of world corners 1 and 2.
+    /// By face and cell: what is seen there.
     items: Vec<Item>,
-    /// World positions turned into the cube's frame, of one surface.
-    turned: Vec<DVec3>,
+    /// Positions of one surface in the cube's frame, and on which side of the faces' borders they lie.
+    turned: Vec<(DVec3, u16)>,
 }
 
+/// What a cell shows.
 #[derive(Clone, Copy)]
 struct Item {
     triangle: u32,
     back: bool,
-    distance: f32,
+    /// Along the axis of its face [m].
+    depth: f32,
+    /// Weights of corners 1 and 2, in the mesh's order.
     barycentric: [f32; 2],
 }
 
-const NOTHING: Item = Item { triangle: EMPTY, back: false, distance: f32::INFINITY, barycentric: [0.0; 2] };
+const NOTHING: Item = Item { triangle: EMPTY, back: false, depth: f32::INFINITY, barycentric: [0.0; 2] };
 
 impl Hemicube {
     /// Buffers and delta form factors.
@@ -165,18 +168,22 @@ impl Hemicube {
             let place = |p: &glam::Vec3| surface.world_from_local.transform_point3(*p).as_dvec3();
             let eye = point.position.as_dvec3();
             self.turned.clear();
-            self.turned.extend(mesh.positions.iter().map(|p| cube_from_world * (place(p) - eye)));
+            self.turned.extend(mesh.positions.iter().map(|p| {
+                let turned = cube_from_world * (place(p) - eye);
+                (turned, sides(turned))
+            }));
             let order = Scene::corner_order(surface);
             let mirrored = surface.is_mirrored();
             let first = ground.tracer.number(s, 0);
             for (t, corners) in mesh.triangles.iter().enumerate() {
                 let [a, b, c] = order.map(|k| self.turned[corners[k] as usize]);
-                if a.z <= 0.0 && b.z <= 0.0 && c.z <= 0.0 {
+                let common = a.1 & b.1 & c.1;
+                if common & BELOW != 0 {
                     continue;
                 }
                 let triangle = Triangle { number: first + t as u32, mirrored, offset };
-                for face in 0..FACES {
-                    self.draw_face(face, [a, b, c].map(|p| face_from_cube(face, p)), &triangle);
+                for face in (0..FACES).filter(|&face| common & OUTSIDE[face] == 0) {
+                    self.draw_face(face, [a, b, c].map(|p| face_from_cube(face, p.0)), &triangle);
                 }
             }
         }
@@ -185,15 +192,6 @@ impl Hemicube {
     /// Draws a triangle on one face: x and y across it, z away from the point.
     fn draw_face(&mut self, face: usize, [a, b, c]: [DVec3; 3], triangle: &Triangle) {
         let low_y = if face == 0 { -1.0 } else { 0.0 };
-        let all = |f: &dyn Fn(DVec3) -> bool| f(a) && f(b) && f(c);
-        if all(&|p| p.z <= 0.0)
-            || all(&|p| p.x > p.z)
-            || all(&|p| -p.x > p.z)
-            || all(&|p| p.y > p.z)
-            || all(&|p| p.y < low_y * p.z)
-        {
-            return;
-        }
         let (bc, ca, ab) = (b.cross(c), c.cross(a), a.cross(b));
         let determinant = a.dot(bc);
         if determinant == 0.0 {
@@ -217,28 +215,26 @@ impl Hemicube {
         // Fronts turn clockwise about the point in this frame's sense: their determinant is negative.
         let (sign, back) = (determinant.signum(), determinant > 0.0);
         let size = determinant.abs();
+        // As the tracer has it: of walls in one plane, the one that faces is seen.
+        let behind = if back { triangle.offset } else { 0.0 };
+        let step = 1.0 / half;
         for row in ys {
-            let y = (row as f64 + 0.5) / half + low_y;
-            for column in xs.clone() {
-                let d = DVec3::new((column as f64 + 0.5) / half - 1.0, y, 1.0);
-                let [u, v, w] = [bc.dot(d) * sign, ca.dot(d) * sign, ab.dot(d) * sign];
+            let first = DVec3::new(0.5 * step - 1.0, (row as f64 + 0.5) * step + low_y, 1.0);
+            let edges = [bc, ca, ab].map(|e| (e.dot(first) * sign, e.x * sign * step));
+            let items = &mut self.items[start + row * n..start + (row + 1) * n];
+            for (column, item) in items.iter_mut().enumerate().take(xs.end).skip(xs.start) {
+                // The same numbers but for their signs in both triangles of an edge: no cell is left out.
+                let [u, v, w] = edges.map(|(at, by)| at + by * column as f64);
                 if u < 0.0 || v < 0.0 || w < 0.0 {
                     continue;
                 }
                 let sum = u + v + w;
-                if sum == 0.0 {
-                    continue;
-                }
-                let mut distance = size / sum * d.length();
-                if back {
-                    // As the tracer has it: of walls in one plane, the one that faces is seen.
-                    distance += triangle.offset;
-                }
-                let item = &mut self.items[start + row * n + column];
-                if (distance as f32) < item.distance {
+                // Along the face's depth; nought where all edges pass through the cell's middle.
+                let depth = (size / sum + behind) as f32;
+                if depth < item.depth {
                     let [v, w] = [(v / sum) as f32, (w / sum) as f32];
                     let barycentric = if triangle.mirrored { [w, v] } else { [v, w] };
-                    *item = Item { triangle: triangle.number, back, distance: distance as f32, barycentric };
+                    *item = Item { triangle: triangle.number, back, depth, barycentric };
                 }
             }
         }
@@ -258,8 +254,8 @@ struct Triangle {
 }
 
 fn element_under(elements: &Elements, ground: &Ground, item: &Item) -> Option<u32> {
-    let Item { triangle, back, distance, barycentric } = *item;
-    elements.element_under(ground, &Hit { t: distance, triangle, barycentric, back })
+    let Item { triangle, back, depth, barycentric } = *item;
+    elements.element_under(ground, &Hit { t: depth, triangle, barycentric, back })
 }
 
 /// The cube's axes, z along the normal, turned about it.
@@ -271,6 +267,26 @@ fn basis(point: &SurfacePoint, turn: f64) -> DMat3 {
     let y = z.cross(x);
     let (sin, cos) = turn.sin_cos();
     DMat3::from_cols(x * cos + y * sin, y * cos - x * sin, z)
+}
+
+/// Below the horizon.
+const BELOW: u16 = 1;
+
+/// By face: bits of [`sides`] for the outside of each of its borders. What has one of them at all corners isn't seen on it.
+const OUTSIDE: [u16; FACES] = [
+    1 << 1 | 1 << 3 | 1 << 5 | 1 << 7,
+    BELOW | 1 << 2 | 1 << 10 | 1 << 11,
+    BELOW | 1 << 4 | 1 << 9 | 1 << 12,
+    BELOW | 1 << 6 | 1 << 9 | 1 << 11,
+    BELOW | 1 << 8 | 1 << 10 | 1 << 12,
+];
+
+/// On which sides of the planes between the faces a position lies, a bit for each.
+fn sides(p: DVec3) -> u16 {
+    let DVec3 { x, y, z } = p;
+    let [xz, yz, xy] = [[x - z, -x - z], [y - z, -y - z], [x - y, -x - y]];
+    let planes = [-z, xz[0], -xz[0], xz[1], -xz[1], yz[0], -yz[0], yz[1], -yz[1], xy[0], -xy[0], xy[1], -xy[1]];
+    planes.iter().enumerate().fold(0, |bits, (k, &side)| bits | u16::from(side > 0.0) << k)
 }
 
 /// Turns the cube so that `face` looks along z: the top as it is, sides with the cube's z up. All are rotations.

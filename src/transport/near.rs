@@ -82,8 +82,9 @@ pub fn form_factor(
         } else {
             (seen * scale, error_of_mean(&visible) * scale)
         };
-        let sure = if whole { unoccluded.error * value / unoccluded.value } else { 0.0 };
-        let error = noise.hypot(sure);
+        // The quadrature's error is a bound: anywhere within it, it has a third of its square for a variance.
+        let bound = if whole { unoccluded.error * value / unoccluded.value } else { 0.0 };
+        let error = noise.hypot(bound / 3f64.sqrt());
         // Nothing seen says that the pair doesn't see itself: as far as can be told, to the tolerance.
         let enough =
             if seen == 0.0 { n >= 2.0 * f64::from(effort.first_samples) } else { error <= effort.tolerance(value) };
