@@ -216,7 +216,7 @@ fn rectangles_by_every_method() {
         assert!((exact.value - expected).abs() < 1e-4, "{name}: {} against {expected}", exact.value);
         assert!((exact.value - expected).abs() <= exact.error + 1e-6, "{name}: stated {}", exact.error);
         for method in METHODS {
-            let f = f(method, &Effort::default());
+            let f = f(method, &Effort { relative_error: 0.005, ..Effort::default() });
             let off = f.value - expected;
             println!(
                 "    {method:?}: {:+.3} %, stated {:.3} %, {} samples",
@@ -402,13 +402,14 @@ fn stated_errors_are_honest() {
     let place = room_with_block();
     let ground = place.ground();
     let exact = Effort { relative_error: 2e-4, first_samples: 1 << 14, ..Effort::default() };
-    let effort = Effort { relative_error: 0.03, ..Effort::default() };
+    let effort = Effort { relative_error: 0.05, ..Effort::default() };
     let truth = place.elements(60, 1000);
     let n = truth.len();
-    let seeds: Vec<Elements> = (0..24).map(|seed| place.elements(60, seed)).collect();
+    let seeds: Vec<Elements> = (0..12).map(|seed| place.elements(60, seed)).collect();
     for method in [Method::Area, Method::Hemisphere] {
         let (mut within, mut all, mut squares, mut stated) = ([0, 0], [0, 0], [0.0; 2], [0.0; 2]);
-        for (i, j) in (0..n).step_by(8).flat_map(|i| (i + 1..n).step_by(7).map(move |j| (i, j))) {
+        let some = (0..n).step_by(4).flat_map(|i| (i + 1..n).map(move |j| (i, j)));
+        for (i, j) in some.filter(|&(i, j)| truth.are_near(i, j) || (i % 8 == 0 && j % 7 == i % 7 + 1)) {
             let expected = form_factor(&truth, &ground, i, j, Method::Area, &exact);
             if expected.value < 1e-3 {
                 continue;
@@ -435,7 +436,7 @@ fn stated_errors_are_honest() {
                 100.0 * stated
             );
             assert!(all[k] > 100 && share >= 0.9, "{method:?}, {name}: {share} of {}", all[k]);
-            assert!(stated < 10.0 * actual + 1e-3, "{method:?}, {name}: stated {stated}, actual {actual}");
+            assert!(stated < 5.0 * actual + 1e-3, "{method:?}, {name}: stated {stated}, actual {actual}");
         }
     }
 }
@@ -495,7 +496,7 @@ fn what_each_method_costs() {
     let ground = place.ground();
     let elements = place.elements(1500, 0);
     let n = elements.len();
-    let clock = std::time::Instant::now();
+    let clock = cpu_time::ThreadTime::now();
     let outlines = Outline::all(&elements, &ground);
     let polygons: usize = outlines.iter().map(|o| o.polygons.len()).sum();
     println!(
@@ -510,7 +511,7 @@ fn what_each_method_costs() {
         (0..n).step_by(11).flat_map(|i| (0..n).step_by(3).map(move |j| (i, j))).filter(|(i, j)| i != j).collect();
     let (near, far): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|&(i, j)| elements.are_near(i, j));
     let measure = |name: &str, pairs: &[(usize, usize)], f: &dyn Fn(usize, usize) -> FormFactor| {
-        let clock = std::time::Instant::now();
+        let clock = cpu_time::ThreadTime::now();
         let samples: u64 = pairs.iter().map(|&(i, j)| u64::from(f(i, j).samples)).sum();
         let count = pairs.len() as f64;
         println!(
@@ -557,10 +558,10 @@ fn what_each_method_costs() {
     let round = ball.elements(500, 0);
     for resolution in [64, 128, 256] {
         let mut cube = Hemicube::new(&HemicubeParams { resolution, points: 1, rotate: true });
-        let clock = std::time::Instant::now();
+        let clock = cpu_time::ThreadTime::now();
         (0..100).for_each(|i| drop(cube.row(&round, &ball.ground(), i)));
         let ball_time = clock.elapsed().as_secs_f64() * 10.0;
-        let clock = std::time::Instant::now();
+        let clock = cpu_time::ThreadTime::now();
         (0..100).for_each(|i| drop(cube.row(&elements, &ground, i)));
         println!(
             "hemicube of {resolution}: {ball_time:.3} ms for {} triangles, {:.3} ms for {}",

@@ -21,6 +21,7 @@ use crate::scene::Scene;
 use crate::trace::Hit;
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// How hemicubes are made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,7 +82,7 @@ impl Hemicube {
         assert!((8..=1024).contains(&n) && n % 2 == 0, "a hemicube has 8 to 1024 cells an edge, even; not {n}");
         assert!(params.points > 0, "no points for a hemicube");
         let at = |k: usize| 2.0 * k as f64 / n as f64 - 1.0;
-        let cells = |rows: std::ops::Range<usize>, corner: &dyn Fn(f64, f64) -> f64| -> Vec<f32> {
+        let cells = |rows: Range<usize>, corner: &dyn Fn(f64, f64) -> f64| -> Vec<f32> {
             let whole = |x: usize, y: usize| {
                 let (x0, x1, y0, y1) = (at(x), at(x + 1), at(y), at(y + 1));
                 (corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)) as f32
@@ -221,8 +222,9 @@ impl Hemicube {
         for row in ys {
             let first = DVec3::new(0.5 * step - 1.0, (row as f64 + 0.5) * step + low_y, 1.0);
             let edges = [bc, ca, ab].map(|e| (e.dot(first) * sign, e.x * sign * step));
+            let span = if xs.len() > WIDE { span(&edges, &xs) } else { xs.clone() };
             let items = &mut self.items[start + row * n..start + (row + 1) * n];
-            for (column, item) in items.iter_mut().enumerate().take(xs.end).skip(xs.start) {
+            for (column, item) in items.iter_mut().enumerate().take(span.end).skip(span.start) {
                 // The same numbers but for their signs in both triangles of an edge: no cell is left out.
                 let [u, v, w] = edges.map(|(at, by)| at + by * column as f64);
                 if u < 0.0 || v < 0.0 || w < 0.0 {
@@ -298,6 +300,23 @@ fn face_from_cube(face: usize, p: DVec3) -> DVec3 {
         3 => DVec3::new(-p.x, p.z, p.y),
         _ => DVec3::new(p.x, p.z, -p.y),
     }
+}
+
+/// Rows of more cells than this are narrowed before their cells are looked at.
+const WIDE: usize = 12;
+
+/// The cells of a row, within `all`, that may lie inside of all three edges; a cell too many at either end.
+fn span(edges: &[(f64, f64); 3], all: &Range<usize>) -> Range<usize> {
+    let (mut low, mut high) = (all.start as f64, all.end as f64);
+    for &(at, by) in edges {
+        let border = -at / by;
+        if by > 0.0 {
+            low = low.max(border - 1.0);
+        } else if by < 0.0 {
+            high = high.min(border + 2.0);
+        }
+    }
+    if low < high { low as usize..high as usize } else { 0..0 }
 }
 
 /// The bounds on a face of the part of a triangle that it shows, as low x, low y, high x, high y; None where it shows none.

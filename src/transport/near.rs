@@ -19,6 +19,9 @@ use crate::trace::Segment;
 use glam::DVec3;
 use std::f64::consts::PI;
 
+/// Share of the tolerance that the quadrature may take.
+const QUADRATURE: f32 = 0.1;
+
 /// The form factor from element `i` to `j`, whose outlines are `outlines`; `samples` counts segments. `A_i F_ij` is the same for
 /// (j, i) at the same tolerance.
 pub fn form_factor(
@@ -29,9 +32,9 @@ pub fn form_factor(
     outlines: [&Outline; 2],
     effort: &Effort,
 ) -> FormFactor {
-    // Half of what is allowed goes to the quadrature.
-    let half = Effort { relative_error: 0.5 * effort.relative_error, ..*effort };
-    let unoccluded = analytic::form_factor(elements, i, j, outlines, &half);
+    // The quadrature costs next to nothing beside the segments, so it takes little of what is allowed.
+    let exact = Effort { relative_error: QUADRATURE * effort.relative_error, ..*effort };
+    let unoccluded = analytic::form_factor(elements, i, j, outlines, &exact);
     if unoccluded.value <= 0.0 {
         return FormFactor { samples: 0, ..unoccluded };
     }

@@ -121,11 +121,19 @@ pub fn draft() -> Settings {
 pub fn mesh_scene(surfaces: &[Vec<[Vec3; 3]>]) -> Scene {
     let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
     for (i, triangles) in surfaces.iter().enumerate() {
-        let count = triangles.len() as u32;
+        let mut positions = Vec::new();
+        let mut known = std::collections::HashMap::new();
+        let mut vertex = |p: Vec3| {
+            *known.entry(p.to_array().map(f32::to_bits)).or_insert_with(|| {
+                positions.push(p);
+                positions.len() as u32 - 1
+            })
+        };
+        let corners = triangles.iter().map(|t| t.map(&mut vertex)).collect();
         scene.meshes.push(Mesh {
             name: format!("mesh{i}"),
-            positions: triangles.iter().flatten().copied().collect(),
-            triangles: (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+            positions,
+            triangles: corners,
             triangle_material: vec![0; triangles.len()],
             origin: vec![TriangleOrigin::default(); triangles.len()],
             ..Mesh::default()
