@@ -321,7 +321,7 @@ fn concentric_spheres() {
     let mut cube = Hemicube::new(&HemicubeParams { points: 32, ..HemicubeParams::default() });
     let rows: Vec<Vec<(u32, f32)>> = (0..elements.len()).map(|i| cube.row(&elements, &ground, i)).collect();
     let effort =
-        Effort { relative_error: 0.02, floor: 0.01, first_samples: 64, most_samples: 1 << 12, ..Effort::default() };
+        Effort { relative_error: 0.02, floor: 0.01, first_samples: 32, most_samples: 1 << 11, ..Effort::default() };
     for (a, b, expected) in expected {
         let by_cube = between(&elements, a, b, |i, j| share(&rows[i], j));
         let by = |method| between(&elements, a, b, |i, j| form_factor(&elements, &ground, i, j, method, &effort).value);
@@ -496,7 +496,7 @@ fn what_each_method_costs() {
     let ground = place.ground();
     let elements = place.elements(1500, 0);
     let n = elements.len();
-    let clock = cpu_time::ThreadTime::now();
+    let clock = std::time::Instant::now();
     let outlines = Outline::all(&elements, &ground);
     let polygons: usize = outlines.iter().map(|o| o.polygons.len()).sum();
     println!(

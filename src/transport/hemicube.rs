@@ -14,12 +14,11 @@
 
 use super::batches::error_of_mean;
 use super::{Effort, Elements, FormFactor};
-use crate::patch::{Ground, SurfacePoint};
+use crate::patch::{Ground, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::frame;
 use crate::scene::Scene;
-use crate::trace::Hit;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec2};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -108,11 +107,7 @@ impl Hemicube {
         let mut shares = vec![0.0f64; elements.len()];
         for index in 0..self.params.points {
             self.draw(elements, ground, i, index);
-            self.for_each_cell(|item, share| {
-                if let Some(e) = element_under(elements, ground, item) {
-                    shares[e as usize] += f64::from(share);
-                }
-            });
+            self.for_each_element(elements, ground, |e, share| shares[e as usize] += f64::from(share));
         }
         let n = f64::from(self.params.points);
         let seen = shares.iter().enumerate().filter(|(_, share)| **share > 0.0);
@@ -129,8 +124,8 @@ impl Hemicube {
             for index in values.len() as u32..end {
                 self.draw(elements, ground, i, index);
                 let mut sum = 0.0;
-                self.for_each_cell(|item, share| {
-                    if element_under(elements, ground, item) == Some(j as u32) {
+                self.for_each_element(elements, ground, |e, share| {
+                    if e as usize == j {
                         sum += f64::from(share);
                     }
                 });
@@ -145,10 +140,26 @@ impl Hemicube {
         }
     }
 
-    fn for_each_cell(&self, mut visit: impl FnMut(&Item, f32)) {
+    /// Calls `visit(element, share)` for each cell that shows an element.
+    fn for_each_element(&self, elements: &Elements, ground: &Ground, mut visit: impl FnMut(u32, f32)) {
         let deltas = self.top.iter().chain((1..FACES).flat_map(|_| &self.side));
+        // Neighbouring cells mostly show one triangle: where it lies on its page is looked up once.
+        let mut shown = EMPTY;
+        let (mut page, mut texels) = (0, [Vec2::ZERO; 3]);
         for (item, &share) in self.items.iter().zip(deltas).filter(|(item, _)| item.triangle != EMPTY) {
-            visit(item, share);
+            if item.triangle != shown {
+                shown = item.triangle;
+                let (surface, triangle) = ground.tracer.place(shown);
+                page = ground.atlas.placements[surface].page as usize;
+                texels = ground.atlas.page_texels(surface, ground.scene.surfaces[surface].mesh, triangle);
+            }
+            let [a, b, c] = texels;
+            let at = a + (b - a) * item.barycentric[0] + (c - a) * item.barycentric[1];
+            let Some(patch) = ground.patch_near(page, at) else { continue };
+            let side = if item.back { &elements.back_of } else { &elements.front_of };
+            if side[patch] != NONE {
+                visit(side[patch], share);
+            }
         }
     }
 
@@ -253,11 +264,6 @@ struct Triangle {
     number: u32,
     mirrored: bool,
     offset: f64,
-}
-
-fn element_under(elements: &Elements, ground: &Ground, item: &Item) -> Option<u32> {
-    let Item { triangle, back, depth, barycentric } = *item;
-    elements.element_under(ground, &Hit { t: depth, triangle, barycentric, back })
 }
 
 /// The cube's axes, z along the normal, turned about it.
