@@ -45,8 +45,7 @@ const FACES: usize = 5;
 /// The triangle of a cell that shows none.
 const EMPTY: u32 = u32::MAX;
 
-/// Hemicubes are spread over an element in a pair's estimate until there are this many times fewer than samples allowed: one
-/// stands for as many rays as its edge has cells, at least.
+/// A pair's estimate may take a cube for every row of cells' worth of the samples allowed, and this many in any case.
 const FEWEST_CUBES: u32 = 16;
 
 /// A hemicube that can be set over any point.
