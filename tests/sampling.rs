@@ -2,14 +2,16 @@
 
 mod support;
 
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, DVec2, DVec3, Vec2, Vec3};
 use lumel::color::Rgb;
 use lumel::light::Sky;
-use lumel::sample::Discrete;
 use lumel::sample::sequence::{Sequence, Stage};
 use lumel::sample::warp;
+use lumel::sample::{Discrete, SphericalTriangle};
 use lumel::scene::{Environment, Material, Mesh, Scene, Surface, SurfaceOrigin, Texels, Texture, TriangleOrigin};
 use lumel::trace::{Hit, Ray, Segment, Tracer};
+use lumel::transport::near;
+use lumel::transport::outline::{Outline, Polygon};
 use std::f64::consts::{PI, TAU};
 
 const SAMPLES: u32 = 1 << 16;
@@ -41,8 +43,17 @@ fn assert_agrees(name: &str, counts: &[u32], probabilities: &[f64]) {
 
 /// Counts directions in cells of cos theta and azimuth, and integrates `pdf` over the same cells.
 fn assert_directions(name: &str, sample: impl Fn(u32) -> Option<Vec3>, pdf: impl Fn(Vec3) -> f64) {
+    assert_directions_finely(name, 8, sample, pdf);
+}
+
+/// The same with `fine_count` squared values of the density a cell: where it has edges that cross cells.
+fn assert_directions_finely(
+    name: &str,
+    fine_count: usize,
+    sample: impl Fn(u32) -> Option<Vec3>,
+    pdf: impl Fn(Vec3) -> f64,
+) {
     const CELLS: [usize; 2] = [16, 32];
-    const FINE: usize = 8;
     let mut counts = vec![0u32; CELLS[0] * CELLS[1]];
     for d in (0..SAMPLES).filter_map(sample) {
         assert!((d.length() - 1.0).abs() < 1e-4);
@@ -51,7 +62,7 @@ fn assert_directions(name: &str, sample: impl Fn(u32) -> Option<Vec3>, pdf: impl
         let x = (azimuth / TAU * CELLS[1] as f64).min(CELLS[1] as f64 - 1e-9) as usize;
         counts[y * CELLS[1] + x] += 1;
     }
-    let fine = [CELLS[0] * FINE, CELLS[1] * FINE];
+    let fine = [CELLS[0] * fine_count, CELLS[1] * fine_count];
     let mut expected = vec![0.0; counts.len()];
     for y in 0..fine[0] {
         for x in 0..fine[1] {
@@ -59,7 +70,8 @@ fn assert_directions(name: &str, sample: impl Fn(u32) -> Option<Vec3>, pdf: impl
             let a = (x as f64 + 0.5) / fine[1] as f64 * TAU;
             let r = (1.0 - z * z).sqrt();
             let d = Vec3::new((r * a.cos()) as f32, (r * a.sin()) as f32, z as f32);
-            expected[y / FINE * CELLS[1] + x / FINE] += pdf(d) * (2.0 / fine[0] as f64) * (TAU / fine[1] as f64);
+            expected[y / fine_count * CELLS[1] + x / fine_count] +=
+                pdf(d) * (2.0 / fine[0] as f64) * (TAU / fine[1] as f64);
         }
     }
     assert_agrees(name, &counts, &expected);
@@ -78,6 +90,67 @@ fn directions_follow_their_densities() {
         "cap",
         |i| Some(warp::cap(random(i), cos_max)),
         |d| if d.z >= cos_max { f64::from(warp::cap_pdf(cos_max)) } else { 0.0 },
+    );
+}
+
+#[test]
+fn spherical_triangles_follow_their_density() {
+    let corners = [DVec3::new(1.0, 0.2, 0.1), DVec3::new(-0.3, 0.8, 0.2), DVec3::new(0.2, 0.1, 1.0)];
+    // A large one, one seen from close to its edge, and both windings.
+    let close = corners.map(|c| c - 0.999 * (0.7 * corners[0] + 0.3 * corners[1]));
+    for corners in [corners, [corners[0], corners[2], corners[1]], close] {
+        let triangle = SphericalTriangle::new(corners).unwrap();
+        assert_directions_finely(
+            "spherical triangle",
+            64,
+            |i| {
+                let d = triangle.sample(random(i).map(f64::from));
+                Some(d.as_vec3())
+            },
+            |d| triangle.pdf(d.as_dvec3()),
+        );
+    }
+    // The positive octant has an eighth of all directions; a triangle in a plane with the point has none.
+    let octant = SphericalTriangle::new([DVec3::X, DVec3::Y, DVec3::Z]).unwrap();
+    assert!((octant.solid_angle - PI / 2.0).abs() < 1e-12);
+    assert!(SphericalTriangle::new([DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)]).is_none());
+    // A small one: every sample lies inside.
+    let small = SphericalTriangle::new([DVec3::Z, DVec3::new(1e-3, 0.0, 1.0), DVec3::new(0.0, 2e-3, 1.0)]).unwrap();
+    for i in 0..1000 {
+        let d = small.sample(random(i).map(f64::from));
+        let at = DVec2::new(d.x / d.z / 1e-3, d.y / d.z / 2e-3);
+        assert!(at.x > -1e-4 && at.y > -1e-4 && at.x + at.y < 1.0 + 1e-4, "{at}");
+    }
+}
+
+#[test]
+fn points_towards_an_element_follow_their_density() {
+    // Two panels at an angle, and a third that turns its back.
+    let panels = [
+        support::Quad::new([1., 0., 0.], [0., 0., 1.], [0., 1., 0.]),
+        support::Quad::new([0., 1.5, 0.], [1., 0., 0.], [0., 0., 1.]),
+        support::Quad::new([0., 0., 2.], [1., 0., 0.], [0., 1., 0.]),
+    ];
+    let polygons = panels.iter().map(|q| {
+        let corners = [q.corner, q.corner + q.u, q.corner + q.u + q.v, q.corner + q.v];
+        Polygon::new(corners.map(Vec3::as_dvec3).to_vec(), q.u.cross(q.v).as_dvec3())
+    });
+    let outline = Outline { polygons: polygons.collect(), area: 3.0, whole: true };
+    let from = DVec3::new(0.3, 0.2, 0.4);
+    assert_directions_finely(
+        "towards",
+        64,
+        |i| {
+            let [[a, b], [c, _]] = [random(i), random(i + SAMPLES)];
+            let towards = near::towards(&outline, from, [a, b, c].map(f64::from))?;
+            let direction = (towards.point - from).normalize();
+            // In single precision a direction on an edge may fall beside it.
+            let pdf = near::towards_pdf(&outline, from, direction);
+            assert!(pdf == 0.0 || (towards.pdf / pdf - 1.0).abs() < 1e-6);
+            assert!(direction.dot(towards.normal) < 0.0);
+            Some(direction.as_vec3())
+        },
+        |d| near::towards_pdf(&outline, from, d.as_dvec3()),
     );
 }
 

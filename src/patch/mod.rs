@@ -87,9 +87,10 @@ impl Ground<'_> {
     }
 
     /// The patch in the texel that `at` [texels] lies in, or else in the nearest of its neighbours.
-    fn patch_near(&self, page: usize, at: Vec2) -> Option<usize> {
+    pub fn patch_near(&self, page: usize, at: Vec2) -> Option<usize> {
         let [w, h] = self.atlas.pages[page].map(|n| n as i64);
-        let (x, y) = (at.x.floor() as i64, at.y.floor() as i64);
+        // No chart lies at negative coordinates, so that cutting off is rounding down; it costs no call.
+        let (x, y) = (at.x as i64, at.y as i64);
         let get = |x: i64, y: i64| {
             if x < 0 || y < 0 || x >= w || y >= h {
                 return None;

@@ -2,7 +2,7 @@
 //!
 //! `F_ij = 1/A_i * integral over A_i of F(x -> A_j) dx`: the inner integral is Lambert's contour integral over each polygon of
 //! j (Baum, Rushmeier, Winget 1989, section 3: analytic inside, numerical outside), the outer one an adaptive rule over the
-//! triangles of i. Radon's rule of seven points (degree 5; Stroud 1971, T2:5-1) and the rule of degree 2 on four of them tell
+//! triangles of i. Radon's rule of seven points (degree 5; Stroud 1971, T2:5-1) and the two rules of degree 2 on four of them tell
 //! its error; the triangle with the largest is cut in four until their sum is small enough. Cuts gather where the kernel's
 //! slope has no bound: at edges that the elements share, and where one dips below the other's horizon.
 //!
@@ -131,19 +131,21 @@ fn radon(corners: &[DVec3; 3], f: impl Fn(DVec3) -> f64) -> (f64, f64) {
     let (inner, outer) = (orbit(far), orbit(near));
     let sum = |v: [f64; 3]| v.iter().sum::<f64>();
     let mean = weights[0] * centre + weights[1] * sum(outer) + weights[2] * sum(inner);
-    // The centre and the outer three alone: exact up to degree 2 for this weight of the orbit, 1 / (12 (1 - 3 s)^2) each.
-    let low = 1.0 / (12.0 * (1.0 - 3.0 * near).powi(2));
-    let lower = (1.0 - 3.0 * low) * centre + low * sum(outer);
+    // The centre and three others alone: exact up to degree 2 for this weight of the orbit.
+    let lower = |s: f64, orbit: [f64; 3]| {
+        let weight = 1.0 / (12.0 * (1.0 - 3.0 * s).powi(2));
+        (1.0 - 3.0 * weight) * centre + weight * sum(orbit)
+    };
     let spread = (weights[0] * (centre - mean).abs())
         + outer.iter().map(|v| weights[1] * (v - mean).abs()).sum::<f64>()
         + inner.iter().map(|v| weights[2] * (v - mean).abs()).sum::<f64>();
-    // The lower rule's error is what is seen; where that is a small part of the variation the function is smooth, and the
+    // The lower rules' error is what is seen; where that is a small part of the variation the function is smooth, and the
     // higher rule better by as much again (the heuristic of QUADPACK, Piessens et al. 1983, section 2.2).
-    let seen = (mean - lower).abs();
+    let seen = (mean - lower(near, outer)).abs().max((mean - lower(far, inner)).abs());
     let error = if spread > 0.0 { seen * (SMOOTH * seen / spread).min(1.0) } else { 0.0 };
     let area = 0.5 * (b - a).cross(c - a).length();
     (area * mean, area * error)
 }
 
-/// How far the lower rule's error is trusted to tell the smoothness: safe by a few times on the kernels of the tests.
+/// How far the lower rules' error is trusted to tell the smoothness: safe by a few times on the kernels of the tests.
 const SMOOTH: f64 = 10.0;

@@ -14,13 +14,13 @@
 
 use super::batches::error_of_mean;
 use super::{Effort, Elements, FormFactor};
-use crate::patch::{Ground, SurfacePoint};
+use crate::patch::{Ground, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::frame;
 use crate::scene::Scene;
-use crate::trace::Hit;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec2};
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// How hemicubes are made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,11 +42,10 @@ impl Default for HemicubeParams {
 /// Sides, the top first.
 const FACES: usize = 5;
 
-/// What a cell shows: nothing yet.
+/// The triangle of a cell that shows none.
 const EMPTY: u32 = u32::MAX;
 
-/// Hemicubes are spread over an element in a pair's estimate until there are this many times fewer than samples allowed: one
-/// stands for as many rays as its edge has cells, at least.
+/// A pair's estimate may take a cube for every row of cells' worth of the samples allowed, and this many in any case.
 const FEWEST_CUBES: u32 = 16;
 
 /// A hemicube that can be set over any point.
@@ -55,21 +54,24 @@ pub struct Hemicube {
     /// Delta form factors of the top's cells, then of one side's, row by row from the horizon.
     top: Vec<f32>,
     side: Vec<f32>,
-    /// By face and cell: triangle number, distance [m], weights of world corners 1 and 2.
+    /// By face and cell: what is seen there.
     items: Vec<Item>,
-    /// World positions turned into the cube's frame, of one surface.
-    turned: Vec<DVec3>,
+    /// Positions of one surface in the cube's frame, and on which side of the faces' borders they lie.
+    turned: Vec<(DVec3, u16)>,
 }
 
+/// What a cell shows.
 #[derive(Clone, Copy)]
 struct Item {
     triangle: u32,
     back: bool,
-    distance: f32,
+    /// Along the axis of its face [m].
+    depth: f32,
+    /// Weights of corners 1 and 2, in the mesh's order.
     barycentric: [f32; 2],
 }
 
-const NOTHING: Item = Item { triangle: EMPTY, back: false, distance: f32::INFINITY, barycentric: [0.0; 2] };
+const NOTHING: Item = Item { triangle: EMPTY, back: false, depth: f32::INFINITY, barycentric: [0.0; 2] };
 
 impl Hemicube {
     /// Buffers and delta form factors.
@@ -78,7 +80,7 @@ impl Hemicube {
         assert!((8..=1024).contains(&n) && n % 2 == 0, "a hemicube has 8 to 1024 cells an edge, even; not {n}");
         assert!(params.points > 0, "no points for a hemicube");
         let at = |k: usize| 2.0 * k as f64 / n as f64 - 1.0;
-        let cells = |rows: std::ops::Range<usize>, corner: &dyn Fn(f64, f64) -> f64| -> Vec<f32> {
+        let cells = |rows: Range<usize>, corner: &dyn Fn(f64, f64) -> f64| -> Vec<f32> {
             let whole = |x: usize, y: usize| {
                 let (x0, x1, y0, y1) = (at(x), at(x + 1), at(y), at(y + 1));
                 (corner(x1, y1) - corner(x0, y1) - corner(x1, y0) + corner(x0, y0)) as f32
@@ -104,11 +106,7 @@ impl Hemicube {
         let mut shares = vec![0.0f64; elements.len()];
         for index in 0..self.params.points {
             self.draw(elements, ground, i, index);
-            self.for_each_cell(|item, share| {
-                if let Some(e) = element_under(elements, ground, item) {
-                    shares[e as usize] += f64::from(share);
-                }
-            });
+            self.for_each_element(elements, ground, |e, share| shares[e as usize] += f64::from(share));
         }
         let n = f64::from(self.params.points);
         let seen = shares.iter().enumerate().filter(|(_, share)| **share > 0.0);
@@ -125,8 +123,8 @@ impl Hemicube {
             for index in values.len() as u32..end {
                 self.draw(elements, ground, i, index);
                 let mut sum = 0.0;
-                self.for_each_cell(|item, share| {
-                    if element_under(elements, ground, item) == Some(j as u32) {
+                self.for_each_element(elements, ground, |e, share| {
+                    if e as usize == j {
                         sum += f64::from(share);
                     }
                 });
@@ -141,10 +139,26 @@ impl Hemicube {
         }
     }
 
-    fn for_each_cell(&self, mut visit: impl FnMut(&Item, f32)) {
+    /// Calls `visit(element, share)` for each cell that shows an element.
+    fn for_each_element(&self, elements: &Elements, ground: &Ground, mut visit: impl FnMut(u32, f32)) {
         let deltas = self.top.iter().chain((1..FACES).flat_map(|_| &self.side));
+        // Neighbouring cells mostly show one triangle: where it lies on its page is looked up once.
+        let mut shown = EMPTY;
+        let (mut page, mut texels) = (0, [Vec2::ZERO; 3]);
         for (item, &share) in self.items.iter().zip(deltas).filter(|(item, _)| item.triangle != EMPTY) {
-            visit(item, share);
+            if item.triangle != shown {
+                shown = item.triangle;
+                let (surface, triangle) = ground.tracer.place(shown);
+                page = ground.atlas.placements[surface].page as usize;
+                texels = ground.atlas.page_texels(surface, ground.scene.surfaces[surface].mesh, triangle);
+            }
+            let [a, b, c] = texels;
+            let at = a + (b - a) * item.barycentric[0] + (c - a) * item.barycentric[1];
+            let Some(patch) = ground.patch_near(page, at) else { continue };
+            let side = if item.back { &elements.back_of } else { &elements.front_of };
+            if side[patch] != NONE {
+                visit(side[patch], share);
+            }
         }
     }
 
@@ -165,18 +179,22 @@ impl Hemicube {
             let place = |p: &glam::Vec3| surface.world_from_local.transform_point3(*p).as_dvec3();
             let eye = point.position.as_dvec3();
             self.turned.clear();
-            self.turned.extend(mesh.positions.iter().map(|p| cube_from_world * (place(p) - eye)));
+            self.turned.extend(mesh.positions.iter().map(|p| {
+                let turned = cube_from_world * (place(p) - eye);
+                (turned, sides(turned))
+            }));
             let order = Scene::corner_order(surface);
             let mirrored = surface.is_mirrored();
             let first = ground.tracer.number(s, 0);
             for (t, corners) in mesh.triangles.iter().enumerate() {
                 let [a, b, c] = order.map(|k| self.turned[corners[k] as usize]);
-                if a.z <= 0.0 && b.z <= 0.0 && c.z <= 0.0 {
+                let common = a.1 & b.1 & c.1;
+                if common & BELOW != 0 {
                     continue;
                 }
                 let triangle = Triangle { number: first + t as u32, mirrored, offset };
-                for face in 0..FACES {
-                    self.draw_face(face, [a, b, c].map(|p| face_from_cube(face, p)), &triangle);
+                for face in (0..FACES).filter(|&face| common & OUTSIDE[face] == 0) {
+                    self.draw_face(face, [a, b, c].map(|p| face_from_cube(face, p.0)), &triangle);
                 }
             }
         }
@@ -185,15 +203,6 @@ impl Hemicube {
     /// Draws a triangle on one face: x and y across it, z away from the point.
     fn draw_face(&mut self, face: usize, [a, b, c]: [DVec3; 3], triangle: &Triangle) {
         let low_y = if face == 0 { -1.0 } else { 0.0 };
-        let all = |f: &dyn Fn(DVec3) -> bool| f(a) && f(b) && f(c);
-        if all(&|p| p.z <= 0.0)
-            || all(&|p| p.x > p.z)
-            || all(&|p| -p.x > p.z)
-            || all(&|p| p.y > p.z)
-            || all(&|p| p.y < low_y * p.z)
-        {
-            return;
-        }
         let (bc, ca, ab) = (b.cross(c), c.cross(a), a.cross(b));
         let determinant = a.dot(bc);
         if determinant == 0.0 {
@@ -217,28 +226,27 @@ impl Hemicube {
         // Fronts turn clockwise about the point in this frame's sense: their determinant is negative.
         let (sign, back) = (determinant.signum(), determinant > 0.0);
         let size = determinant.abs();
+        // As the tracer has it: of walls in one plane, the one that faces is seen.
+        let behind = if back { triangle.offset } else { 0.0 };
+        let step = 1.0 / half;
         for row in ys {
-            let y = (row as f64 + 0.5) / half + low_y;
-            for column in xs.clone() {
-                let d = DVec3::new((column as f64 + 0.5) / half - 1.0, y, 1.0);
-                let [u, v, w] = [bc.dot(d) * sign, ca.dot(d) * sign, ab.dot(d) * sign];
+            let first = DVec3::new(0.5 * step - 1.0, (row as f64 + 0.5) * step + low_y, 1.0);
+            let edges = [bc, ca, ab].map(|e| (e.dot(first) * sign, e.x * sign * step));
+            let span = if xs.len() > WIDE { span(&edges, &xs) } else { xs.clone() };
+            let items = &mut self.items[start + row * n..start + (row + 1) * n];
+            for (column, item) in items.iter_mut().enumerate().take(span.end).skip(span.start) {
+                // The same numbers but for their signs in both triangles of an edge: no cell is left out.
+                let [u, v, w] = edges.map(|(at, by)| at + by * column as f64);
                 if u < 0.0 || v < 0.0 || w < 0.0 {
                     continue;
                 }
                 let sum = u + v + w;
-                if sum == 0.0 {
-                    continue;
-                }
-                let mut distance = size / sum * d.length();
-                if back {
-                    // As the tracer has it: of walls in one plane, the one that faces is seen.
-                    distance += triangle.offset;
-                }
-                let item = &mut self.items[start + row * n + column];
-                if (distance as f32) < item.distance {
+                // Along the face's depth; nought where all edges pass through the cell's middle.
+                let depth = (size / sum + behind) as f32;
+                if depth < item.depth {
                     let [v, w] = [(v / sum) as f32, (w / sum) as f32];
                     let barycentric = if triangle.mirrored { [w, v] } else { [v, w] };
-                    *item = Item { triangle: triangle.number, back, distance: distance as f32, barycentric };
+                    *item = Item { triangle: triangle.number, back, depth, barycentric };
                 }
             }
         }
@@ -257,11 +265,6 @@ struct Triangle {
     offset: f64,
 }
 
-fn element_under(elements: &Elements, ground: &Ground, item: &Item) -> Option<u32> {
-    let Item { triangle, back, distance, barycentric } = *item;
-    elements.element_under(ground, &Hit { t: distance, triangle, barycentric, back })
-}
-
 /// The cube's axes, z along the normal, turned about it.
 fn basis(point: &SurfacePoint, turn: f64) -> DMat3 {
     let frame = frame(point.normal).as_dmat3();
@@ -273,6 +276,26 @@ fn basis(point: &SurfacePoint, turn: f64) -> DMat3 {
     DMat3::from_cols(x * cos + y * sin, y * cos - x * sin, z)
 }
 
+/// Below the horizon.
+const BELOW: u16 = 1;
+
+/// By face: bits of [`sides`] for the outside of each of its borders. What has one of them at all corners isn't seen on it.
+const OUTSIDE: [u16; FACES] = [
+    1 << 1 | 1 << 3 | 1 << 5 | 1 << 7,
+    BELOW | 1 << 2 | 1 << 10 | 1 << 11,
+    BELOW | 1 << 4 | 1 << 9 | 1 << 12,
+    BELOW | 1 << 6 | 1 << 9 | 1 << 11,
+    BELOW | 1 << 8 | 1 << 10 | 1 << 12,
+];
+
+/// On which sides of the planes between the faces a position lies, a bit for each.
+fn sides(p: DVec3) -> u16 {
+    let DVec3 { x, y, z } = p;
+    let [xz, yz, xy] = [[x - z, -x - z], [y - z, -y - z], [x - y, -x - y]];
+    let planes = [-z, xz[0], -xz[0], xz[1], -xz[1], yz[0], -yz[0], yz[1], -yz[1], xy[0], -xy[0], xy[1], -xy[1]];
+    planes.iter().enumerate().fold(0, |bits, (k, &side)| bits | u16::from(side > 0.0) << k)
+}
+
 /// Turns the cube so that `face` looks along z: the top as it is, sides with the cube's z up. All are rotations.
 fn face_from_cube(face: usize, p: DVec3) -> DVec3 {
     match face {
@@ -282,6 +305,23 @@ fn face_from_cube(face: usize, p: DVec3) -> DVec3 {
         3 => DVec3::new(-p.x, p.z, p.y),
         _ => DVec3::new(p.x, p.z, -p.y),
     }
+}
+
+/// Rows of more cells than this are narrowed before their cells are looked at.
+const WIDE: usize = 12;
+
+/// The cells of a row, within `all`, that may lie inside of all three edges; a cell too many at either end.
+fn span(edges: &[(f64, f64); 3], all: &Range<usize>) -> Range<usize> {
+    let (mut low, mut high) = (all.start as f64, all.end as f64);
+    for &(at, by) in edges {
+        let border = -at / by;
+        if by > 0.0 {
+            low = low.max(border - 1.0);
+        } else if by < 0.0 {
+            high = high.min(border + 2.0);
+        }
+    }
+    if low < high { low as usize..high as usize } else { 0..0 }
 }
 
 /// The bounds on a face of the part of a triangle that it shows, as low x, low y, high x, high y; None where it shows none.

@@ -51,7 +51,8 @@ struct Part {
 }
 
 impl Polygon {
-    fn new(corners: Vec<DVec3>, normal: DVec3) -> Self {
+    /// The polygon of `corners`, convex and in order, either way round.
+    pub fn new(corners: Vec<DVec3>, normal: DVec3) -> Self {
         let o = corners[0];
         let (mut area, mut centre) = (0.0, DVec3::ZERO);
         for w in corners[1..].windows(2) {

@@ -116,3 +116,110 @@ pub fn bake_quads(quads: &[Quad], texels: u32, settings: &Settings) -> Illuminat
 pub fn draft() -> Settings {
     Settings { quality: lumel::settings::Quality::Draft, normals: Normals::Geometric, ..Settings::default() }
 }
+
+/// A surface for each list of world triangles, counter-clockwise seen from the front.
+pub fn mesh_scene(surfaces: &[Vec<[Vec3; 3]>]) -> Scene {
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    for (i, triangles) in surfaces.iter().enumerate() {
+        let mut positions = Vec::new();
+        let mut known = std::collections::HashMap::new();
+        let mut vertex = |p: Vec3| {
+            *known.entry(p.to_array().map(f32::to_bits)).or_insert_with(|| {
+                positions.push(p);
+                positions.len() as u32 - 1
+            })
+        };
+        let corners = triangles.iter().map(|t| t.map(&mut vertex)).collect();
+        scene.meshes.push(Mesh {
+            name: format!("mesh{i}"),
+            positions,
+            triangles: corners,
+            triangle_material: vec![0; triangles.len()],
+            origin: vec![TriangleOrigin::default(); triangles.len()],
+            ..Mesh::default()
+        });
+        scene.surfaces.push(Surface {
+            name: format!("mesh{i}"),
+            mesh: i,
+            world_from_local: Affine3A::IDENTITY,
+            origin: SurfaceOrigin::None,
+        });
+    }
+    scene
+}
+
+/// A chart for each triangle of a [`mesh_scene`]: half a square of `texels` along each side, two texels apart.
+pub fn mesh_atlas(surfaces: &[Vec<[Vec3; 3]>], texels: u32) -> Atlas {
+    let total: usize = surfaces.iter().map(Vec::len).sum();
+    let columns = (total as f64).sqrt().ceil() as u32;
+    let cell = texels + 2;
+    let size = columns * cell + 2;
+    let mut place = 0;
+    let meshes = surfaces.iter().map(|triangles| {
+        let corners = triangles.iter().map(|_| {
+            let (x, y) = (place % columns * cell + 2, place / columns * cell + 2);
+            place += 1;
+            [(0, 0), (texels, 0), (0, texels)]
+                .map(|(dx, dy)| Vec2::new((x + dx) as f32 / size as f32, (y + dy) as f32 / size as f32))
+        });
+        let corners: Vec<[Vec2; 3]> = corners.collect();
+        let count = corners.len() as u32;
+        MeshUvs { corners, chart: (0..count).collect(), chart_count: count, authored: None }
+    });
+    Atlas {
+        pages: vec![[size, size]],
+        meshes: meshes.collect(),
+        placements: vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }; surfaces.len()],
+        density: 1.0,
+        padding: 2,
+    }
+}
+
+/// A sphere of `rows` by twice as many `columns`, its front outside (or inside).
+pub fn sphere(centre: Vec3, radius: f32, rows: u32, inside: bool) -> Vec<[Vec3; 3]> {
+    let columns = 2 * rows;
+    let at = |x: u32, y: u32| {
+        let polar = std::f64::consts::PI * f64::from(y) / f64::from(rows);
+        let azimuth = std::f64::consts::TAU * f64::from(x % columns) / f64::from(columns);
+        let p = glam::DVec3::new(polar.sin() * azimuth.cos(), polar.cos(), polar.sin() * azimuth.sin());
+        centre
+            + radius
+                * if y == 0 {
+                    Vec3::Y
+                } else if y == rows {
+                    Vec3::NEG_Y
+                } else {
+                    p.as_vec3()
+                }
+    };
+    let mut triangles = Vec::new();
+    for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))) {
+        let [a, b, c, d] = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
+        if y > 0 {
+            triangles.push([a, b, d]);
+        }
+        if y + 1 < rows {
+            triangles.push([a, d, c]);
+        }
+    }
+    if inside {
+        triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    triangles
+}
+
+/// A level disc of `count` triangles, its front up (or down).
+pub fn disc(centre: Vec3, radius: f32, count: u32, down: bool) -> Vec<[Vec3; 3]> {
+    let at = |k: u32| {
+        let a = std::f32::consts::TAU * (k % count) as f32 / count as f32;
+        centre + radius * Vec3::new(a.cos(), 0.0, a.sin())
+    };
+    let triangle = |k: u32| if down { [centre, at(k), at(k + 1)] } else { [centre, at(k + 1), at(k)] };
+    (0..count).map(triangle).collect()
+}
+
+/// The triangles of a quad.
+pub fn triangles(q: &Quad) -> Vec<[Vec3; 3]> {
+    let [a, b, c, d] = [q.corner, q.corner + q.u, q.corner + q.u + q.v, q.corner + q.v];
+    vec![[a, b, c], [a, c, d]]
+}
