@@ -212,7 +212,8 @@ mod tests {
     fn every_setting_has_its_option() {
         let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
                     --quantity irradiance --float --max-bounces 4 --samples 64 --seed 5 --threads 2 --sky 1,2,0.1 \
-                    --gltf engine,vertex --lights remove --dump-stages d --overwrite";
+                    --gltf engine,vertex --lights remove --dump-stages d --overwrite \
+                    --method path";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(typed("--density 2 --page-size 512 --environment e.hdr").keys().cloned());
         keys.sort();

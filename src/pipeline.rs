@@ -9,7 +9,7 @@ use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Environment;
-use crate::settings::Settings;
+use crate::settings::{Method, Settings};
 use crate::unwrap::{self, Atlas};
 use crate::write::{Baked, output::Staging};
 use std::path::Path;
@@ -36,12 +36,14 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.buried_texels = lit.exposure.buried_count();
     report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
     report.noise = lit.gathered.noise;
-    report.solver = SolverReport {
-        elements: lit.elements.len(),
-        shots: lit.solution.shots,
-        residual: lit.solution.residual,
-        unshot: lit.solution.unshot,
-    };
+    if settings.method == Method::Radiosity {
+        report.solver = SolverReport {
+            elements: lit.elements.len(),
+            shots: lit.solution.shots,
+            residual: lit.solution.residual,
+            unshot: lit.solution.unshot,
+        };
+    }
     report.energy = lit.energy;
     for material in too_white(&loaded.scene) {
         report.warnings.add(&material.name, format!("an albedo above {MOST_ALBEDO} was baked as {MOST_ALBEDO}"));

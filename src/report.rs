@@ -3,7 +3,7 @@
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
-use crate::settings::Settings;
+use crate::settings::{Method, Settings};
 use crate::write::Baked;
 use cpu_time::ProcessTime;
 use serde::Serialize;
@@ -78,7 +78,7 @@ pub struct StageTime {
     pub cpu_s: f64,
 }
 
-/// How the solver ended.
+/// How the solver ended; all zero where paths were traced in its place.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct SolverReport {
     pub elements: usize,
@@ -93,15 +93,18 @@ impl Report {
     /// The result in a few lines for people.
     pub fn summary(&self) -> Vec<String> {
         let pages: Vec<String> = self.pages.iter().map(|p| format!("{} x {}", p.width, p.height)).collect();
-        let is_lit = self.solver.elements > 0;
+        let is_lit = self.texels > 0;
         let what = if is_lit { format!("{} texels", self.texels) } else { format!("{} surfaces", self.surfaces.len()) };
         let (count, sizes) = (pages.len(), pages.join(", "));
         let mut lines = vec![format!("{what} at {:.4} texels/m on {count} page(s): {sizes}", self.density)];
         if is_lit {
+            let how = match self.settings.method {
+                Method::Radiosity => format!("residual {:.3} %", 100.0 * self.solver.residual),
+                Method::Path => "traced by paths".to_string(),
+            };
             lines.push(format!(
-                "noise {:.2} %, residual {:.3} %, energy balance {:+.3} %",
+                "noise {:.2} %, {how}, energy balance {:+.3} %",
                 100.0 * self.noise,
-                100.0 * self.solver.residual,
                 100.0 * self.energy.imbalance
             ));
         }

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::post::Quantity;
+use crate::reference::{PathParams, Strategy};
 use crate::solve::SolveParams;
 use crate::transport::Effort;
 use crate::unwrap::{Density, UnwrapParams, UvMode};
@@ -30,11 +31,12 @@ pub struct Settings {
     pub uv_name: Option<String>,
     pub normals: Normals,
     pub quantity: Quantity,
+    pub method: Method,
     /// 32-bit pages in place of half.
     pub float: bool,
     /// Interreflections counted; none: until the solution has converged.
     pub max_bounces: Option<u32>,
-    /// Final gather rays a texel.
+    /// Final gather rays a texel, or paths.
     pub samples: Option<u32>,
     pub seed: u32,
     /// Worker threads; none: one a core.
@@ -61,6 +63,17 @@ pub enum Quality {
     Medium,
     High,
     Production,
+}
+
+/// How the light of a texel is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Light exchanged between elements, and gathered by each texel.
+    #[default]
+    Radiosity,
+    /// Paths from each texel: the reference, slower, with its standard error.
+    Path,
 }
 
 /// The normal that irradiance is about.
@@ -111,6 +124,16 @@ impl Quality {
             Self::Medium => preset(256, 1536, 512, 0.1, 16, 8),
             Self::High => preset(512, 3072, 1024, 0.1, 32, 8),
             Self::Production => preset(1024, 6144, 1024, 0.05, 64, 16),
+        }
+    }
+
+    /// Paths a texel.
+    fn path_samples(self) -> u32 {
+        match self {
+            Self::Draft => 64,
+            Self::Medium => 256,
+            Self::High => 1024,
+            Self::Production => 4096,
         }
     }
 
@@ -216,6 +239,17 @@ impl Settings {
     /// The final gather's parameters.
     pub fn gather_params(&self) -> GatherParams {
         GatherParams { samples: self.gather_samples() }
+    }
+
+    /// The path tracer's parameters.
+    pub fn path_params(&self) -> PathParams {
+        PathParams {
+            samples: self.samples.unwrap_or(self.quality.path_samples()).max(2),
+            max_bounces: self.max_bounces,
+            shading_normals: self.normals == Normals::Shading,
+            strategy: Strategy::Combined,
+            seed: self.seed,
+        }
     }
 
     /// The GLBs to write.

@@ -20,6 +20,8 @@ pub enum Stage {
     Probe,
     FormFactor,
     Gather,
+    Path,
+    BackPath,
 }
 
 impl Sequence {

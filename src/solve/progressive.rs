@@ -28,7 +28,7 @@ pub struct SolveParams {
 }
 
 /// The light on elements.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Solution {
     /// Irradiance that the gather reads beyond a patch's own direct light [lx]: interreflected light and the sky's; on backs
     /// direct light too.
