@@ -167,11 +167,13 @@ impl<'a> Emitters<'a> {
             return Rgb::ZERO;
         }
         let probability = tree.probability(&view(self.ground.tracer, point), number as usize);
-        let kernel = polygon.cosine(direction).max(polygon.cosine(-direction)) / at.distance_squared(point.position);
-        let weight = self.strategy.hemisphere_weight(
-            probability / (polygon.area * kernel),
-            cosine_hemisphere_pdf(point.shading.dot(direction)),
-        );
+        let hemisphere = cosine_hemisphere_pdf(point.shading.dot(direction));
+        let weight = if probability > 0.0 {
+            let kernel = polygon.cosine(-direction) / at.distance_squared(point.position);
+            self.strategy.hemisphere_weight(probability / (polygon.area * kernel), hemisphere)
+        } else {
+            self.strategy.hemisphere_weight(0.0, hemisphere)
+        };
         polygon.radiance_towards(self.ground.scene, at, -direction) * weight
     }
 

@@ -103,9 +103,6 @@ pub struct TracedBacks {
     pub rays: u64,
 }
 
-/// Batches of [`PathParams::samples`] paths for each element on a back: as it is larger than a texel, so often more.
-const BACK_BATCHES: u32 = 8;
-
 /// What one texel received.
 #[derive(Clone, Copy, Default)]
 struct Texel {
@@ -136,11 +133,13 @@ pub fn trace(
     let texels: Vec<Texel> = (0..n)
         .into_par_iter()
         .map(|i| {
-            progress.check()?;
             if i % AT_ONCE == 0 {
                 progress.advance(AT_ONCE.min(n - i) as u64);
             }
-            Ok(if exposure.is_buried(i) { Texel::default() } else { at_patch(ground, exposure, &tracer, params, i) })
+            if exposure.is_buried(i) {
+                return Ok(Texel::default());
+            }
+            at_patch(ground, exposure, &tracer, params, i, progress)
         })
         .collect::<Result<_>>()?;
     let rgb = |of: fn(&Texel) -> DVec3| texels.iter().map(|t| of(t).as_vec3()).collect();
@@ -154,36 +153,56 @@ pub fn trace(
     })
 }
 
-fn at_patch(ground: &Ground, exposure: &Exposure, tracer: &PathTracer, params: &PathParams, i: usize) -> Texel {
+fn at_patch(
+    ground: &Ground,
+    exposure: &Exposure,
+    tracer: &PathTracer,
+    params: &PathParams,
+    i: usize,
+    progress: &dyn Progress,
+) -> Result<Texel> {
     let mut footprint = ground.footprint(i);
     if footprint.is_empty() {
-        return Texel::default();
+        return Ok(Texel::default());
     }
     footprint.restrict(exposure.cells[i]);
     let start = |_, u| {
         let point = footprint.sample(u);
         if params.shading_normals { point } else { SurfacePoint { shading: point.normal, ..point } }
     };
-    let batches = BATCHES.min(params.samples.max(2));
-    let count = params.samples.div_ceil(batches);
-    let found: Vec<Found> = (0..batches)
-        .map(|batch| {
-            let receiver = u64::from(BATCHES) * i as u64 + u64::from(batch);
-            tracer.trace(Key { stage: Stage::Path, receiver }, count, start)
-        })
-        .collect();
-    let (b, n) = (f64::from(batches), f64::from(count));
-    let mean = |of: fn(&Found) -> DVec3| found.iter().map(of).sum::<DVec3>() / (b * n);
+    let batches = in_batches(tracer, Stage::Path, i, params.samples, start, progress)?;
+    let b = batches.len() as f64;
+    let mean = |of: fn(&Found) -> DVec3| batches.iter().map(of).sum::<DVec3>() / b;
     let irradiance = mean(|f| f.irradiance);
-    let squares: DVec3 = found.iter().map(|f| (f.irradiance / n - irradiance).powf(2.0)).sum();
-    Texel {
+    let squares: DVec3 = batches.iter().map(|f| (f.irradiance - irradiance).powf(2.0)).sum();
+    Ok(Texel {
         irradiance,
         standard_error: (squares / (b * (b - 1.0))).map(f64::sqrt),
         direct: mean(|f| f.direct),
         inflow: mean(|f| f.inflow),
-        landed_share: (f64::from(found.iter().map(|f| f.landed).sum::<u32>()) / (b * n)) as f32,
-        rays: found.iter().map(|f| f.rays).sum(),
-    }
+        landed_share: (batches.iter().map(|f| f.landed_share).sum::<f64>() / b) as f32,
+        rays: batches.iter().map(|f| f.rays).sum(),
+    })
+}
+
+/// At least `samples` paths of a receiver, in [`BATCHES`] that know nothing of each other.
+fn in_batches(
+    tracer: &PathTracer,
+    stage: Stage,
+    receiver: usize,
+    samples: u32,
+    start: impl Fn(u32, [f32; 2]) -> SurfacePoint,
+    progress: &dyn Progress,
+) -> Result<Vec<Found>> {
+    let batches = BATCHES.min(samples.max(2));
+    let count = samples.div_ceil(batches);
+    (0..batches)
+        .map(|batch| {
+            progress.check()?;
+            let key = Key { stage, receiver: u64::from(BATCHES) * receiver as u64 + u64::from(batch) };
+            Ok(tracer.trace(key, count, |index, u| start(batch * count + index, u)))
+        })
+        .collect()
 }
 
 /// Traces the paths of the elements on backs of double-sided surfaces: no texel shows them, but they take part in the balance of
@@ -201,28 +220,27 @@ pub fn trace_backs(
     progress: &dyn Progress,
 ) -> Result<TracedBacks> {
     let tracer = PathTracer::new(ground, exposure, reflectance, lights, params);
-    let found: Vec<Found> = (0..elements.len())
+    let backs: Vec<Vec<Found>> = (0..elements.len())
         .into_par_iter()
         .map(|e| {
-            let mut sum = Found::default();
-            for batch in (0..BACK_BATCHES).filter(|_| elements.back[e]) {
-                progress.check()?;
-                let start = |index, _| {
-                    let point = elements.point(ground, e, batch * params.samples + index);
-                    SurfacePoint { shading: point.normal, ..point }
-                };
-                let receiver = u64::from(BACK_BATCHES) * e as u64 + u64::from(batch);
-                sum += tracer.trace(Key { stage: Stage::BackPath, receiver }, params.samples, start);
+            if !elements.back[e] {
+                return Ok(Vec::new());
             }
-            Ok(sum)
+            let start = |index, _| {
+                let point = elements.point(ground, e, index);
+                SurfacePoint { shading: point.normal, ..point }
+            };
+            in_batches(&tracer, Stage::BackPath, e, params.samples, start, progress)
         })
         .collect::<Result<_>>()?;
-    let n = f64::from(BACK_BATCHES) * f64::from(params.samples);
+    let mean = |of: fn(&Found) -> DVec3| -> Vec<DVec3> {
+        backs.iter().map(|b| b.iter().map(of).sum::<DVec3>() / b.len().max(1) as f64).collect()
+    };
     Ok(TracedBacks {
-        irradiance: found.iter().map(|f| (f.irradiance / n).as_vec3()).collect(),
-        landed_share: found.iter().map(|f| (f64::from(f.landed) / n) as f32).collect(),
-        inflow: found.iter().zip(&elements.area).map(|(f, area)| f.inflow * (f64::from(*area) / n)).sum(),
-        rays: found.iter().map(|f| f.rays).sum(),
+        irradiance: mean(|f| f.irradiance).into_iter().map(|e| e.as_vec3()).collect(),
+        landed_share: mean(|f| DVec3::splat(f.landed_share)).into_iter().map(|share| share.x as f32).collect(),
+        inflow: mean(|f| f.inflow).iter().zip(&elements.area).map(|(e, area)| *e * f64::from(*area)).sum(),
+        rays: backs.iter().flatten().map(|f| f.rays).sum(),
     })
 }
 

@@ -42,7 +42,7 @@ pub struct Key {
     pub receiver: u64,
 }
 
-/// What a bunch of paths found, summed over them.
+/// What a bunch of paths found, as means over them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Found {
     /// Irradiance about the shading normals of the first points [lx].
@@ -51,8 +51,8 @@ pub struct Found {
     pub direct: DVec3,
     /// The part of that which comes from the sky and from lights that are no surface.
     pub inflow: DVec3,
-    /// First rays that landed on something that can send light back.
-    pub landed: u32,
+    /// Share of the first rays that landed on something that can send light back.
+    pub landed_share: f64,
     /// Rays and shadow rays.
     pub rays: u64,
 }
@@ -79,7 +79,7 @@ impl<'a> PathTracer<'a> {
         Self { ground, exposure, reflectance, emitters: Emitters::new(ground, lights, params.strategy), params }
     }
 
-    /// Paths `0..count` from `start`, which takes a path's number and a place in the unit square.
+    /// Paths `0..count`, at least one, from `start`, which takes a path's number and a place in the unit square.
     pub fn trace(&self, key: Key, count: u32, start: impl Fn(u32, [f32; 2]) -> SurfacePoint) -> Found {
         let mut found = Found::default();
         let first = self.sequence(key, 0);
@@ -94,7 +94,14 @@ impl<'a> PathTracer<'a> {
             paths = self.extend(paths, bounce, &self.sequence(key, bounce), &mut found);
             bounce += 1;
         }
-        found
+        let n = f64::from(count);
+        Found {
+            irradiance: found.irradiance / n,
+            direct: found.direct / n,
+            inflow: found.inflow / n,
+            landed_share: found.landed_share / n,
+            rays: found.rays,
+        }
     }
 
     /// The sequence that vertex number `bounce` draws from.
@@ -138,7 +145,7 @@ impl<'a> PathTracer<'a> {
             let emitted = self.emitters.emitted(&path.point, ray.direction, hit, point.position);
             found.add(bounce, path.weight * emitted * PI, Rgb::ZERO);
             let Some(albedo) = self.albedo_under(hit) else { continue };
-            found.landed += u32::from(bounce == 0);
+            found.landed_share += if bounce == 0 { 1.0 } else { 0.0 };
             if self.params.max_bounces.is_some_and(|most| bounce >= most) {
                 continue;
             }
@@ -180,16 +187,6 @@ impl Found {
             self.direct += irradiance.as_dvec3();
             self.inflow += other.as_dvec3();
         }
-    }
-}
-
-impl std::ops::AddAssign for Found {
-    fn add_assign(&mut self, other: Self) {
-        self.irradiance += other.irradiance;
-        self.direct += other.direct;
-        self.inflow += other.inflow;
-        self.landed += other.landed;
-        self.rays += other.rays;
     }
 }
 
