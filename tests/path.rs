@@ -305,6 +305,27 @@ fn a_picture_that_shines_is_sampled_as_it_is() {
 }
 
 #[test]
+fn shading_normals_see_no_further_than_the_horizon() {
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
+    let tilt = 0.7f32;
+    scene.meshes[0].normals = vec![Vec3::new(tilt.sin(), tilt.cos(), 0.0); 4];
+    let direction = Vec3::new(-0.6, -0.8, 0.0);
+    scene.lights.push(light(LightShape::Directional { direction, illuminance: Rgb::splat(2.0), angle: 0.0 }));
+    scene.environment = Some(Environment::constant("sky", Rgb::ONE));
+    let mean = |shading_normals| {
+        let (found, _) = traced(&scene, &atlas(1, 8), &PathParams { shading_normals, ..params(1024) });
+        found.irradiance.iter().map(|e| e.x).sum::<f32>() / found.irradiance.len() as f32
+    };
+    // The sky above the floor, seen by a plane that is tilted against it; what the plane sees below the floor is not there.
+    let shown = PI * (1.0 + tilt.cos()) / 2.0 + 2.0 * (0.6 * tilt.sin() + 0.8 * tilt.cos());
+    let geometric = PI + 2.0 * 0.8;
+    for (found, expected) in [(mean(true), shown), (mean(false), geometric)] {
+        println!("{found} against {expected}");
+        assert!((found / expected - 1.0).abs() < 0.002, "{found} against {expected}");
+    }
+}
+
+#[test]
 fn strategies_agree() {
     let quads = room_with_shelf();
     let mut scene = scene(&quads);

@@ -6,8 +6,9 @@
 //! the standard error (Owen 1997) though the points of one batch are not.
 //!
 //! Diffuse surfaces as elsewhere: albedo by texel, backs of single-sided surfaces and buried texels black, transport about the
-//! triangles' normals. Cost: samples x about 2 / (1 - albedo) rays a texel. Noise is largest beside small bright surfaces that
-//! light sampling can't see and beside area lights that are no surface, whose nearness no ray of the hemisphere makes up for.
+//! triangles' normals. Cost: samples x about 2 / (1 - albedo) rays a texel. Noise is largest where much light comes over small
+//! bright places that nothing but rays find, such as a sunlit patch of floor, and close to area lights that are no surface,
+//! which rays can't hit.
 
 pub mod light;
 pub mod path;
@@ -174,7 +175,7 @@ fn at_patch(
     let b = batches.len() as f64;
     let mean = |of: fn(&Found) -> DVec3| batches.iter().map(of).sum::<DVec3>() / b;
     let irradiance = mean(|f| f.irradiance);
-    let squares: DVec3 = batches.iter().map(|f| (f.irradiance - irradiance).powf(2.0)).sum();
+    let squares: DVec3 = batches.iter().map(|f| (f.irradiance - irradiance).map(|d| d * d)).sum();
     Ok(Texel {
         irradiance,
         standard_error: (squares / (b * (b - 1.0))).map(f64::sqrt),
