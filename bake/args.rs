@@ -253,10 +253,14 @@ pub struct SolverArgs {
 #[command(next_help_heading = "Effort")]
 #[serde(rename_all = "kebab-case")]
 pub struct EffortArgs {
+    /// radiosity: light exchanged between elements, then gathered by texel; path: paths from each texel, slower, the
+    /// reference for the other [default: radiosity]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path"]))]
+    pub method: Option<String>,
     /// Interreflections counted; 0: direct light only [0..1000; default: until the solution has converged]
     #[arg(long, value_name = "N")]
     pub max_bounces: Option<u32>,
-    /// Final gather rays for each texel [1..65536; default: by --quality]
+    /// Final gather rays, or paths, for each texel [1..65536; default: by --quality]
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
     /// Seed of the random numbers; equal seeds give equal bytes [default: 0]
@@ -277,8 +281,8 @@ pub struct ResultArgs {
     #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["shading", "geometric"]))]
     pub normals: Option<String>,
     /// Parts of the light as layers of the pages, separated by commas: direct, indirect, bounces (emitted, then reflected no
-    /// time, once, twice, ... before it arrives)
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["direct", "indirect", "bounces"]))]
+    /// time, once, twice, ... before it arrives), error (the estimated standard error)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["direct", "indirect", "bounces", "error"]))]
     pub layers: Option<Vec<String>>,
     /// 32-bit float pages in place of 16-bit half [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]

@@ -34,6 +34,8 @@ pub struct GatherParams {
 pub struct Gathered {
     /// All of it, direct light included, about the shown normal [lx].
     pub irradiance: Vec<Rgb>,
+    /// Standard error of `irradiance`, estimated from two halves of the rays; zero without a gather [lx].
+    pub standard_error: Vec<Rgb>,
     /// The part that the gather found [lx].
     pub indirect: Vec<Rgb>,
     /// The part of that which comes straight from the sky [lx].
@@ -157,6 +159,7 @@ pub fn gather(
     let noise = if sum > 0.0 { (squares / area).sqrt() / (sum / area) } else { 0.0 };
     Ok(Gathered {
         irradiance: collected.iter().zip(&direct.shown).map(|(c, d)| *d + c.mean()).collect(),
+        standard_error: collected.iter().map(|c| 0.5 * (c.halves[0] - c.halves[1]).abs()).collect(),
         indirect: collected.iter().map(Collected::mean).collect(),
         sky: collected.iter().map(|c| c.sky).collect(),
         parts: (0..sources.parts.len()).map(|k| collected.iter().map(|c| c.parts[k]).collect()).collect(),
@@ -193,6 +196,7 @@ pub fn read_elements(
     let flux = |i: usize| sky[i].as_dvec3() * f64::from(lit.exposure.area[i]);
     Ok(Gathered {
         irradiance: indirect.iter().zip(&direct.shown).map(|(i, d)| *i + *d).collect(),
+        standard_error: vec![Rgb::ZERO; n],
         parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
         landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e - e % step).landed_share)).collect(),
         noise: 0.0,

@@ -1,4 +1,4 @@
-//! The light of a scene in memory: rasterize, direct, solve, gather, post, in order.
+//! The light of a scene in memory: rasterize, direct, solve, gather, post, in order; or rasterize, trace, post.
 
 use crate::Result;
 use crate::color::Rgb;
@@ -9,8 +9,9 @@ use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{Emission, Ground, Patches, Reflectance, rasterize, reflectance::reflectance};
 use crate::post::{Lightmap, dilate::finish, layers::layers};
 use crate::progress::Progress;
+use crate::reference::{trace, trace_backs};
 use crate::scene::Scene;
-use crate::settings::{Gather, Settings};
+use crate::settings::{Gather, Method, Settings};
 use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
 use crate::trace::Tracer;
 use crate::transport::{Elements, Probes};
@@ -34,7 +35,8 @@ pub struct Illuminated {
 /// Finds the light of a scene in memory on the pages of `atlas`: everything between unwrapping and writing.
 ///
 /// # Errors
-/// `Cancelled`; `Invalid` where no texel is covered; `Io` where stages can't be dumped.
+/// `Cancelled`; `Invalid` where no texel is covered, or there are too many elements for the solver; `Io` where stages can't be
+/// dumped.
 pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &dyn Progress) -> Result<Illuminated> {
     let dump = Dump::new(settings.dump_stages.as_deref());
     let tracer = Tracer::new(scene);
@@ -48,42 +50,19 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     dump.patches("exposure", &ground, |i| exposure.share(i))?;
 
     let lights = Lights::new(scene);
-    let params = settings.direct_params();
     let lit = Lit {
         ground: &ground,
         exposure: &exposure,
         reflectance: &reflectance,
         emission: &emission,
         lights: &lights,
-        params: &params,
+        params: &settings.direct_params(),
     };
     let elements = Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    if settings.solver == Solver::FullMatrix {
-        // Backs come on top of what the settings say.
-        full_matrix::refuse_too_many(elements.len())?;
-    }
-    let direct = direct(&lit, progress)?;
-    dump.patches("direct", &ground, |i| direct.shown[i])?;
-
-    let solve_params = settings.solve_params();
-    let probes = Probes::new(&elements, lit, solve_params.transport.probe_rays);
-    let mut pages = settings.watch.as_deref().map(|folder| WatchFolder::new(folder, &lit, &direct, settings.quantity));
-    let mut show = |iteration: u64, received: &[Rgb]| match &mut pages {
-        Some(pages) => pages.show(iteration, &lit, |i| direct.shown[i] + elements.read(received, i)),
-        None => Ok(()),
+    let Found { direct, solution, gathered } = match settings.method {
+        Method::Radiosity => radiosity(&lit, &elements, settings, &dump, progress)?,
+        Method::Path => paths(&lit, &elements, settings, &dump, progress)?,
     };
-    let watch = settings.watch.is_some().then_some(Watch { every: settings.watch_every, show: &mut show });
-    let solution = solve(&elements, &lit, &probes, &direct, &solve_params, watch, progress)?;
-    dump.patches("solution", &ground, |i| elements.read(&solution.irradiance, i))?;
-
-    let gathered = match settings.gather {
-        Gather::Final => {
-            let sources = Sources::new(&lit, &direct, &elements, &solution, settings.max_bounces);
-            gather(&lit, &sources, &direct, &settings.gather_params(), progress)?
-        }
-        Gather::None => read_elements(&lit, &elements, &probes, &direct, &solution, progress)?,
-    };
-    dump.patches("indirect", &ground, |i| gathered.indirect[i])?;
 
     progress.begin("post", 0);
     let mut lightmap = finish(&lit, &gathered.irradiance, settings.quantity);
@@ -91,4 +70,81 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     let bake = energy::Bake { lit, direct: &direct, elements: &elements, solution: &solution, gathered: &gathered };
     let energy = balance(&bake, &lightmap, !settings.float);
     Ok(Illuminated { patches, reflectance, emission, exposure, direct, elements, solution, gathered, lightmap, energy })
+}
+
+/// The light of all texels, and how it was found.
+struct Found {
+    direct: Direct,
+    solution: Solution,
+    gathered: Gathered,
+}
+
+/// The light by radiosity.
+fn radiosity(
+    lit: &Lit,
+    elements: &Elements,
+    settings: &Settings,
+    dump: &Dump,
+    progress: &dyn Progress,
+) -> Result<Found> {
+    if settings.solver == Solver::FullMatrix {
+        // Backs come on top of what the settings say.
+        full_matrix::refuse_too_many(elements.len())?;
+    }
+    let direct = direct(lit, progress)?;
+    dump.patches("direct", lit.ground, |i| direct.shown[i])?;
+
+    let params = settings.solve_params(elements.len());
+    let probes = Probes::new(elements, *lit, params.transport.probe_rays);
+    let mut pages = settings.watch.as_deref().map(|folder| WatchFolder::new(folder, lit, &direct, settings.quantity));
+    let mut show = |iteration: u64, received: &[Rgb]| match &mut pages {
+        Some(pages) => pages.show(iteration, lit, |i| direct.shown[i] + elements.read(received, i)),
+        None => Ok(()),
+    };
+    let watch = settings.watch.is_some().then_some(Watch { every: settings.watch_every, show: &mut show });
+    let solution = solve(elements, lit, &probes, &direct, &params, watch, progress)?;
+    dump.patches("solution", lit.ground, |i| elements.read(&solution.irradiance, i))?;
+
+    let gathered = match settings.gather {
+        Gather::Final => {
+            let sources = Sources::new(lit, &direct, elements, &solution, settings.max_bounces);
+            gather(lit, &sources, &direct, &settings.gather_params(), progress)?
+        }
+        Gather::None => read_elements(lit, elements, &probes, &direct, &solution, progress)?,
+    };
+    dump.patches("indirect", lit.ground, |i| gathered.indirect[i])?;
+    Ok(Found { direct, solution, gathered })
+}
+
+/// The light by paths. What comes straight from the sky counts as direct light here; of the elements, only the backs get light.
+fn paths(lit: &Lit, elements: &Elements, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+    let params = settings.path_params();
+    let traced = trace(lit, &params, progress)?;
+    let backs = trace_backs(lit, elements, &params, progress)?;
+    dump.patches("direct", lit.ground, |i| traced.direct[i])?;
+    dump.patches("error", lit.ground, |i| traced.standard_error[i])?;
+    let noise = traced.noise(lit.exposure);
+    let indirect: Vec<Rgb> = traced.irradiance.iter().zip(&traced.direct).map(|(e, d)| *e - *d).collect();
+    dump.patches("indirect", lit.ground, |i| indirect[i])?;
+    let direct =
+        Direct { transport: traced.direct.clone(), shown: traced.direct, inflow: traced.inflow, rays: traced.rays };
+    let gathered = Gathered {
+        sky: vec![Rgb::ZERO; traced.irradiance.len()],
+        irradiance: traced.irradiance,
+        standard_error: traced.standard_error,
+        indirect,
+        parts: Vec::new(),
+        landed_share: traced.landed_share,
+        noise,
+        sky_inflow: glam::DVec3::ZERO,
+        rays: 0,
+    };
+    let solution = Solution {
+        irradiance: backs.irradiance,
+        landed_share: backs.landed_share,
+        inflow: backs.inflow,
+        rays: backs.rays,
+        ..Solution::default()
+    };
+    Ok(Found { direct, solution, gathered })
 }

@@ -18,6 +18,7 @@ pub mod patch;
 pub mod pipeline;
 pub mod post;
 pub mod progress;
+pub mod reference;
 pub mod report;
 pub mod sample;
 pub mod scene;

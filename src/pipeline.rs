@@ -9,7 +9,7 @@ use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Environment;
-use crate::settings::Settings;
+use crate::settings::{Method, RESIDUAL, Settings};
 use crate::unwrap::{self, Atlas};
 use crate::write::{Baked, output::Staging};
 use std::path::Path;
@@ -36,16 +36,18 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.buried_texels = lit.exposure.buried_count();
     report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
     report.noise = lit.gathered.noise;
-    report.solver = SolverReport {
-        name: lit.solution.solver.name(),
-        form_factors: settings.form_factors,
-        elements: lit.elements.len(),
-        iterations: lit.solution.exchange.iterations,
-        residual: lit.solution.exchange.residual,
-        unshot: lit.solution.exchange.unshot,
-        links: lit.solution.exchange.links,
-        steps: lit.solution.exchange.steps.clone(),
-    };
+    if settings.method == Method::Radiosity {
+        report.solver = SolverReport {
+            name: lit.solution.solver.name(),
+            form_factors: settings.form_factors,
+            elements: lit.elements.len(),
+            iterations: lit.solution.exchange.iterations,
+            residual: lit.solution.exchange.residual,
+            unshot: lit.solution.exchange.unshot,
+            links: lit.solution.exchange.links,
+            steps: lit.solution.exchange.steps.clone(),
+        };
+    }
     report.energy = lit.energy;
     for material in too_white(&loaded.scene) {
         report.warnings.add(&material.name, format!("an albedo above {MOST_ALBEDO} was baked as {MOST_ALBEDO}"));
@@ -56,8 +58,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
 
 /// Says where a bake should not be trusted as it is.
 fn warn_of_doubts(report: &mut Report, settings: &Settings) {
-    let residual = settings.solve_params().residual;
-    if settings.max_bounces.is_none() && settings.iterations.is_none() && report.solver.residual > residual {
+    if settings.max_bounces.is_none() && settings.iterations.is_none() && report.solver.residual > RESIDUAL {
         let message = "the solver stopped before it converged; albedos this high keep light for very long";
         report.warnings.add(format!("residual {:.2} %", 100.0 * report.solver.residual), message);
     }

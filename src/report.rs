@@ -3,7 +3,7 @@
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
-use crate::settings::Settings;
+use crate::settings::{Method, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
@@ -80,7 +80,7 @@ pub struct StageTime {
     pub cpu_s: f64,
 }
 
-/// How the solver ended.
+/// How the solver ended; all zero where paths were traced in its place.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct SolverReport {
     pub name: &'static str,
@@ -103,18 +103,22 @@ impl Report {
     /// The result in a few lines for people.
     pub fn summary(&self) -> Vec<String> {
         let pages: Vec<String> = self.pages.iter().map(|p| format!("{} x {}", p.width, p.height)).collect();
-        let is_lit = self.solver.elements > 0;
+        let is_lit = self.texels > 0;
         let what = if is_lit { format!("{} texels", self.texels) } else { format!("{} surfaces", self.surfaces.len()) };
         let (count, sizes) = (pages.len(), pages.join(", "));
         let mut lines = vec![format!("{what} at {:.4} texels/m on {count} page(s): {sizes}", self.density)];
         if is_lit {
-            let residual = match self.solver.residual {
-                r if r > 1.0 => "above 100 %".to_string(),
-                r => format!("{:.3} %", 100.0 * r),
+            let how = match (self.settings.method, self.solver.residual) {
+                (Method::Path, _) => "traced by paths".to_string(),
+                (_, r) if r > 1.0 => {
+                    format!("{} over {} elements, residual above 100 %", self.solver.name, self.solver.elements)
+                }
+                (_, r) => {
+                    format!("{} over {} elements, residual {:.3} %", self.solver.name, self.solver.elements, 100.0 * r)
+                }
             };
+            lines.push(how);
             let (noise, balance) = (100.0 * self.noise, 100.0 * self.energy.imbalance);
-            let (name, elements) = (self.solver.name, self.solver.elements);
-            lines.push(format!("{name} over {elements} elements, residual {residual}"));
             lines.push(format!("noise {noise:.2} %, energy balance {balance:+.3} %"));
         }
         lines

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::post::{LayerKind, Quantity};
+use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver, full_matrix};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
@@ -31,6 +32,7 @@ pub struct Settings {
     pub uv_name: Option<String>,
     pub normals: Normals,
     pub quantity: Quantity,
+    pub method: Method,
     /// Parts of the light that pages hold as layers of their own.
     pub layers: Vec<LayerKind>,
     /// 32-bit pages in place of half.
@@ -52,7 +54,7 @@ pub struct Settings {
     pub gather: Gather,
     /// Interreflections counted; none: until the solution has converged.
     pub max_bounces: Option<u32>,
-    /// Final gather rays a texel.
+    /// Final gather rays a texel, or paths.
     pub samples: Option<u32>,
     pub seed: u32,
     /// Worker threads; none: one a core.
@@ -94,6 +96,17 @@ pub enum Gather {
     Final,
     /// As their element has it.
     None,
+}
+
+/// How the light of a texel is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Light exchanged between elements, and gathered by each texel.
+    #[default]
+    Radiosity,
+    /// Paths from each texel: the reference, slower, with its standard error.
+    Path,
 }
 
 /// The normal that irradiance is about.
@@ -142,7 +155,7 @@ const MOST_ITERATIONS: u64 = 1_000_000_000;
 const MOST_BOUNCE_LAYERS: usize = 12;
 
 /// Estimated remaining change of each surface's mean radiosity, relative to it, at which the solver ends.
-const RESIDUAL: f64 = 1e-3;
+pub const RESIDUAL: f64 = 1e-3;
 
 impl Quality {
     fn preset(self) -> Preset {
@@ -163,6 +176,16 @@ impl Quality {
             Self::Medium => preset(256, 1536, 512, 0.1, 3e-6, 16, 8),
             Self::High => preset(512, 3072, 1024, 0.1, 1e-6, 32, 8),
             Self::Production => preset(1024, 6144, 1024, 0.05, 3e-7, 64, 16),
+        }
+    }
+
+    /// Paths a texel.
+    fn path_samples(self) -> u32 {
+        match self {
+            Self::Draft => 64,
+            Self::Medium => 256,
+            Self::High => 1024,
+            Self::Production => 4096,
         }
     }
 
@@ -222,9 +245,36 @@ impl Settings {
         Ok(())
     }
 
+    /// A setting that says something about the solver, where one is given.
+    fn solver_setting(&self) -> Option<&'static str> {
+        let given = [
+            ("solver", self.solver != Solver::Auto),
+            ("form-factors", self.form_factors != FormFactors::Area),
+            ("hemicube", self.hemicube.is_some()),
+            ("link-error", self.link_error.is_some()),
+            ("iterations", self.iterations.is_some()),
+            ("overshoot", self.overshoot),
+            ("ambient", self.ambient),
+            ("gather", self.gather != Gather::Final),
+        ];
+        given.into_iter().find(|g| g.1).map(|g| g.0)
+    }
+
     /// Refuses what the solver can't do.
     fn check_solver(&self) -> Result<()> {
         let refuse = |setting: &str, message: &str| Err(Error::invalid(setting, message));
+        if self.method == Method::Path {
+            if self.layers.contains(&LayerKind::Bounces) {
+                return refuse("layers", "paths don't tell bounces apart; leave out bounces, or the method path");
+            }
+            if self.watch.is_some() {
+                return refuse("watch", "paths have no solution that grows; leave it out, or the method path");
+            }
+            return match self.solver_setting() {
+                Some(setting) => refuse(setting, "is for the method radiosity; leave it out, or the method path"),
+                None => Ok(()),
+            };
+        }
         let is_progressive = matches!(self.solver, Solver::Auto | Solver::Progressive);
         match self.solver {
             Solver::FullMatrix => {
@@ -305,13 +355,14 @@ impl Settings {
         self.elements.unwrap_or(self.quality.preset().elements)
     }
 
-    /// The solver's parameters.
-    pub fn solve_params(&self) -> SolveParams {
+    /// The solver's parameters for so many elements.
+    pub fn solve_params(&self, elements: usize) -> SolveParams {
         let preset = self.quality.preset();
         let effort = Effort {
             relative_error: preset.form_factor_error,
-            // The mean form factor of a closed scene, and a few times that: most light comes over larger ones.
-            floor: 4.0 / self.element_count() as f32,
+            // The mean form factor of a closed scene, and a few times that: most light comes over larger ones. Among more
+            // elements errors average out, so each may be larger in proportion to the mean.
+            floor: 4.0 / (elements as f32 * preset.elements as f32).sqrt(),
             first_samples: 4,
             most_samples: 256,
             roulette: 0.0,
@@ -341,6 +392,17 @@ impl Settings {
     /// The final gather's parameters.
     pub fn gather_params(&self) -> GatherParams {
         GatherParams { samples: self.gather_samples() }
+    }
+
+    /// The path tracer's parameters.
+    pub fn path_params(&self) -> PathParams {
+        PathParams {
+            samples: self.samples.unwrap_or(self.quality.path_samples()).max(2),
+            max_bounces: self.max_bounces,
+            shading_normals: self.normals == Normals::Shading,
+            strategy: Strategy::Combined,
+            seed: self.seed,
+        }
     }
 
     /// The GLBs to write.

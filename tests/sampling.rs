@@ -4,7 +4,8 @@ mod support;
 
 use glam::{Affine3A, DVec2, DVec3, Vec2, Vec3};
 use lumel::color::Rgb;
-use lumel::light::Sky;
+use lumel::light::tree::Viewpoint;
+use lumel::light::{Lights, Sky};
 use lumel::sample::sequence::{Sequence, Stage};
 use lumel::sample::warp;
 use lumel::sample::{Discrete, SphericalTriangle};
@@ -214,6 +215,44 @@ fn a_sky_is_sampled_by_its_picture() {
     assert_directions("sky", sample, |d| f64::from(sky.pdf(d)));
     for uv in [Vec2::new(0.1, 0.3), Vec2::new(0.9, 0.8)] {
         assert!((environment.uv(environment.direction(uv)) - uv).length() < 1e-4);
+    }
+}
+
+#[test]
+fn polygons_are_chosen_by_their_probability() {
+    // Emitters of several sizes and brightnesses all around, some behind the viewpoint, some that face away, one in its plane.
+    let quads: Vec<support::Quad> = (0..12)
+        .map(|i| {
+            let (x, size) = (i as f32 * 0.4 - 2.0, 0.1 + 0.05 * (i % 4) as f32);
+            let corner = [x, (i % 5) as f32 * 0.5 - 0.5, (i % 3) as f32 - 1.0];
+            let quad = support::Quad::new(corner, [size, 0., 0.], [0., 0.02 * i as f32, size]);
+            let quad = quad.emission(1.0 + (i % 6) as f32);
+            if i % 2 == 0 { quad.double_sided() } else { quad }
+        })
+        .collect();
+    let lights = Lights::new(&support::scene(&quads));
+    let tree = &lights.polygons;
+    for (position, normal) in [(Vec3::ZERO, Vec3::Y), (Vec3::new(1.0, 3.0, 0.5), Vec3::NEG_Y), (-Vec3::Z, Vec3::X)] {
+        let view = Viewpoint { position, normal, tolerance: 1e-5 };
+        let mut counts = vec![0u32; tree.polygons.len()];
+        for i in 0..SAMPLES {
+            let Some(choice) = tree.choose(&view, random(i)[0]) else { continue };
+            assert!((0.0..1.0).contains(&choice.u));
+            let twin = tree.probability(&view, choice.polygon);
+            assert!((choice.probability / twin - 1.0).abs() < 1e-4, "{} against {twin}", choice.probability);
+            counts[choice.polygon] += 1;
+        }
+        let expected: Vec<f64> = (0..counts.len()).map(|p| f64::from(tree.probability(&view, p))).collect();
+        // The descent can end where nothing shines to the viewpoint: of what is left the shares must agree.
+        let chosen = f64::from(counts.iter().sum::<u32>()) / f64::from(SAMPLES);
+        let total: f64 = expected.iter().sum();
+        assert!((chosen / total - 1.0).abs() < 0.02, "{chosen} against {total}");
+        let shares: Vec<f64> = expected.iter().map(|p| p / total).collect();
+        assert_agrees("polygons", &counts, &shares);
+        for (p, polygon) in tree.polygons.iter().enumerate() {
+            let reaches = polygon.corners.iter().any(|c| (*c - position).dot(normal) > 0.0);
+            assert!(expected[p] > 0.0 || !reaches || !polygon.faces(position, 1e-5), "polygon {p} is never chosen");
+        }
     }
 }
 

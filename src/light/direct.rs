@@ -145,17 +145,19 @@ pub fn arrive(scene: &Scene, tracer: &Tracer, lights: &Lights, receiver: &Receiv
 }
 
 /// The geometry between a receiver's point and a polygon's.
-struct Link {
-    segment: Segment,
+pub struct Link {
+    pub segment: Segment,
     /// Unit, from the receiver.
-    towards: Vec3,
+    pub towards: Vec3,
+    /// Solid angle for each unit of area on the polygon, cos / r^2 [sr/m^2].
+    pub kernel: f32,
     /// cos cos / r^2 about the geometric and the shading normal [1/m^2].
-    transport: f32,
-    shown: f32,
+    pub transport: f32,
+    pub shown: f32,
 }
 
 /// The link to the point `to` of a polygon, for each unit of area there.
-fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) -> Link {
+pub fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) -> Link {
     let way = to - point.position;
     let square = way.length_squared().max(f32::MIN_POSITIVE);
     let towards = way / square.sqrt();
@@ -166,6 +168,7 @@ fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) -> L
     Link {
         segment: Segment { from: tracer.off_surface(point.position, point.normal), to: tracer.off_surface(to, side) },
         towards,
+        kernel,
         transport: kernel * cos,
         shown: if cos > 0.0 { kernel * point.shading.dot(towards).max(0.0) } else { 0.0 },
     }
@@ -235,9 +238,7 @@ fn from_polygons(
 fn unoccluded(tracer: &Tracer, polygon: &Polygon, points: &[SurfacePoint], shading_normals: bool) -> [f32; 2] {
     let mut sum = [0.0f32; 2];
     for point in points {
-        // A point in the polygon's own plane sees nothing of it, whatever side rounding puts it on.
-        let height = (point.position - polygon.centre).dot(polygon.normal);
-        if height > tracer.offset() || (polygon.two_sided && height < -tracer.offset()) {
+        if polygon.faces(point.position, tracer.offset()) {
             let f = point_to_polygon(point.position, point.normal, &polygon.corners);
             sum[0] += f;
             sum[1] += if shading_normals && point.shading != point.normal {
@@ -334,11 +335,24 @@ fn sampled_cluster(
 
 /// Illuminance of one delta light at one point about the geometric and the shading normal, and how it comes; `None` where the
 /// point faces away from it.
-fn unshadowed(light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
+pub fn unshadowed(light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
     let arrival = light.arrive(point.position, u)?;
     let cos = point.normal.dot(arrival.towards);
     let shading = point.shading.dot(arrival.towards).max(0.0);
     (cos > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
+}
+
+/// Whether something stands between `point` and the light that arrives there.
+pub fn is_shadowed(tracer: &Tracer, point: &SurfacePoint, arrival: &Arrival) -> bool {
+    let from = tracer.off_surface(point.position, point.normal);
+    let mut blocked = [false];
+    if arrival.distance.is_finite() {
+        let to = point.position + arrival.towards * arrival.distance;
+        tracer.occluded(&[Segment { from, to }], &mut blocked);
+    } else {
+        tracer.occluded_rays(&[Ray { origin: from, direction: arrival.towards }], &mut blocked);
+    }
+    blocked[0]
 }
 
 /// As for polygons: the unshadowed light over the footprint, which costs no ray, times the visible share of it.
@@ -369,19 +383,12 @@ fn from_delta(tracer: &Tracer, lights: &Lights, receiver: &Receiver, params: &Di
                 let (point, u) = draw(index);
                 let Some((light, arrival)) = unshadowed(light, &point, u) else { continue };
                 facing += 1;
-                let from = tracer.off_surface(point.position, point.normal);
-                let mut blocked = [false];
-                if arrival.distance.is_finite() {
-                    let to = point.position + arrival.towards * arrival.distance;
-                    tracer.occluded(&[Segment { from, to }], &mut blocked);
-                } else {
-                    tracer.occluded_rays(&[Ray { origin: from, direction: arrival.towards }], &mut blocked);
-                }
+                let blocked = is_shadowed(tracer, &point, &arrival);
                 sum.rays += 1;
-                visible += u32::from(!blocked[0]);
+                visible += u32::from(!blocked);
                 for k in 0..2 {
                     tried[k] += luminance(light[k]);
-                    seen[k] += if blocked[0] { 0.0 } else { luminance(light[k]) };
+                    seen[k] += if blocked { 0.0 } else { luminance(light[k]) };
                 }
             }
             taken = end;

@@ -127,6 +127,13 @@ impl Polygon {
         (area > 0.0).then(|| (position + sample_fan(clipped.corners(), area, u), area))
     }
 
+    /// True where the polygon shines to the side on which `position` lies, more than `tolerance` [m] from its plane: a point in
+    /// the plane sees nothing of it, whatever side rounding puts it on.
+    pub fn faces(&self, position: Vec3, tolerance: f32) -> bool {
+        let height = (position - self.centre).dot(self.normal);
+        height > tolerance || (self.two_sided && height < -tolerance)
+    }
+
     /// The cosine at which light leaves along the unit vector `direction`; 0 on the dark side.
     pub fn cosine(&self, direction: Vec3) -> f32 {
         let cos = self.normal.dot(direction);

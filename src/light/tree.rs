@@ -11,6 +11,29 @@ use glam::Vec3;
 pub struct LightTree {
     pub polygons: Vec<Polygon>,
     nodes: Vec<Node>,
+    /// The node above each node, the root above itself; and the leaf of each polygon.
+    parent: Vec<u32>,
+    leaf: Vec<u32>,
+}
+
+/// A point for which one polygon is to be chosen.
+#[derive(Clone, Copy, Debug)]
+pub struct Viewpoint {
+    pub position: Vec3,
+    /// Unit; what lies behind it sends nothing.
+    pub normal: Vec3,
+    /// Polygons in whose plane the point lies, to within this distance [m], send nothing.
+    pub tolerance: f32,
+}
+
+/// A polygon that was drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Choice {
+    pub polygon: usize,
+    /// Its probability, more than 0: [`LightTree::probability`].
+    pub probability: f32,
+    /// The random number that drew it, rescaled to [0, 1).
+    pub u: f32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -43,10 +66,18 @@ pub const CUT_SIZE: usize = 32;
 impl LightTree {
     /// Builds the tree; O(n log n).
     pub fn new(polygons: Vec<Polygon>) -> Self {
-        let mut tree = Self { polygons, nodes: Vec::new() };
+        let mut tree = Self { polygons, nodes: Vec::new(), parent: Vec::new(), leaf: Vec::new() };
         let mut order: Vec<u32> = (0..tree.polygons.len() as u32).collect();
         if !order.is_empty() {
             tree.build(&mut order);
+        }
+        tree.parent = vec![0; tree.nodes.len()];
+        tree.leaf = vec![0; tree.polygons.len()];
+        for (n, node) in tree.nodes.iter().enumerate() {
+            match node.kind {
+                Kind::Leaf(p) => tree.leaf[p as usize] = n as u32,
+                Kind::Inner(l, r) => [l, r].into_iter().for_each(|child| tree.parent[child as usize] = n as u32),
+            }
         }
         tree
     }
@@ -163,5 +194,68 @@ impl LightTree {
                 }
             }
         }
+    }
+
+    /// One polygon of all, by descending the tree in proportion to what either half can send to `view` (Conty Estevez, Kulla
+    /// 2018, "Importance Sampling of Many Lights"). `None` where nothing can arrive, or the descent ended where nothing can.
+    pub fn choose(&self, view: &Viewpoint, mut u: f32) -> Option<Choice> {
+        if self.is_empty() || self.importance(0, view) <= 0.0 {
+            return None;
+        }
+        let (mut at, mut probability) = (0, 1.0f32);
+        loop {
+            match self.nodes[at].kind {
+                Kind::Leaf(p) => {
+                    let u = u.clamp(0.0, 1.0 - f32::EPSILON);
+                    return (probability > 0.0).then_some(Choice { polygon: p as usize, probability, u });
+                }
+                Kind::Inner(l, r) => {
+                    let left = self.left_share(l, r, view)?;
+                    (at, probability, u) = if u < left {
+                        (l as usize, probability * left, u / left)
+                    } else {
+                        (r as usize, probability * (1.0 - left), (u - left) / (1.0 - left))
+                    };
+                }
+            }
+        }
+    }
+
+    /// The probability with which [`choose`](Self::choose) takes `polygon`.
+    pub fn probability(&self, view: &Viewpoint, polygon: usize) -> f32 {
+        if self.importance(0, view) <= 0.0 {
+            return 0.0;
+        }
+        let (mut at, mut probability) = (self.leaf[polygon], 1.0f32);
+        while at != 0 && probability > 0.0 {
+            let parent = self.parent[at as usize];
+            if let Kind::Inner(l, r) = self.nodes[parent as usize].kind {
+                let share = |left: f32| if at == l { left } else { 1.0 - left };
+                probability *= self.left_share(l, r, view).map_or(0.0, share);
+            }
+            at = parent;
+        }
+        probability
+    }
+
+    /// The probability of the left of two nodes; `None` where neither can send anything.
+    fn left_share(&self, left: u32, right: u32, view: &Viewpoint) -> Option<f32> {
+        let (a, b) = (self.importance(left as usize, view), self.importance(right as usize, view));
+        (a + b > 0.0).then(|| a / (a + b))
+    }
+
+    /// About what a node can send to `view` [lx], up to a constant factor; 0 only where none of it can arrive.
+    fn importance(&self, n: usize, view: &Viewpoint) -> f32 {
+        let node = &self.nodes[n];
+        let way = node.centre - view.position;
+        if way.dot(view.normal) + node.radius <= 0.0 {
+            return 0.0;
+        }
+        if let Kind::Leaf(p) = node.kind
+            && !self.polygons[p as usize].faces(view.position, view.tolerance)
+        {
+            return 0.0;
+        }
+        node.strength / way.length_squared().max(node.radius * node.radius).max(f32::MIN_POSITIVE)
     }
 }

@@ -23,6 +23,7 @@ pub fn layers(lit: &Lit, direct: &Direct, gathered: &Gathered, wanted: &[LayerKi
         match kind {
             LayerKind::Direct => all.push(layer("direct".into(), &straight)),
             LayerKind::Indirect => all.push(layer("indirect".into(), &reflected)),
+            LayerKind::Error => all.push(layer("error".into(), &gathered.standard_error)),
             LayerKind::Bounces => {
                 let emitted = |i: usize| lit.emission.0[i] * if quantity == Quantity::Outgoing { 1.0 } else { PI };
                 all.push(Layer { name: "emitted".into(), pages: pages(&emitted) });

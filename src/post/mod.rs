@@ -32,6 +32,8 @@ pub enum LayerKind {
     Indirect,
     /// Emitted, and reflected no time, once, twice, ... before it arrives.
     Bounces,
+    /// The estimated standard error of the whole.
+    Error,
 }
 
 /// One page; row 0 is the top.

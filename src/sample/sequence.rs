@@ -21,6 +21,8 @@ pub enum Stage {
     FormFactor,
     Gather,
     Hemicube,
+    Path,
+    BackPath,
 }
 
 impl Sequence {
