@@ -40,8 +40,13 @@ const LEAF_EFFORT: Effort =
 /// Pairs of clusters that are refined in parallel at least.
 const GRAIN: u32 = 64;
 
-/// Clusters whose closure is measured by probes, at most.
-const MOST_CLOSED: usize = 4096;
+/// Clusters in which probes measure what lands, at most, and elements that are probed in each.
+const MOST_CLOSED: usize = 2048;
+const PROBES: usize = 4;
+
+/// Rounds of balancing: a closed scene closes to a thousandth. Scales beyond the most are the fault of something else.
+const BALANCING_ROUNDS: u32 = 10;
+const MOST_SCALE: f32 = 3.0;
 
 /// One link, both ways.
 #[derive(Clone, Copy, Debug)]
@@ -61,7 +66,7 @@ pub struct Links<'a> {
     /// Links of node i, as (other end, form factor to it): `ways[first[i]..first[i + 1]]`.
     ways: Vec<(u32, f32)>,
     first: Vec<u32>,
-    /// What each element's irradiance is multiplied by so that in closed scenes no power is made or lost.
+    /// What is multiplied to all that each element sends and receives, so that as much lands as probes saw land.
     scale: Vec<f32>,
     pub segments: u64,
 }
@@ -220,44 +225,55 @@ impl<'a> Links<'a> {
         (self.first, self.ways) = (first, ways);
     }
 
-    /// Finds the scales: what links say lands, against what probes saw land, over clusters of a size that can be afforded.
+    /// Finds the scales that make all of an element's form factors add up to what probes saw land. As they work both ways,
+    /// `A_i F_ij` stays symmetric, and power is kept for any light: in a closed scene all that is sent is received (a balancing of
+    /// matrices after Sinkhorn and Knopp 1967).
     fn close(&mut self, probes: &Probes, progress: &dyn Progress) -> Result<()> {
         let n = self.elements.len();
+        let landed = self.landed(probes, progress)?;
         self.scale = vec![1.0; n];
-        let landed = self.irradiance(&vec![Rgb::ONE; n]);
-        let clusters = self.tree.cut(MOST_CLOSED);
-        let scales: Vec<f32> = clusters
-            .par_iter()
-            .map(|&at| {
-                progress.check()?;
-                let node = &self.tree.nodes[at];
-                let members = &self.tree.order[node.first as usize..node.end as usize];
-                let by_area = |value: &dyn Fn(usize) -> f32| -> f64 {
-                    members.iter().map(|&e| f64::from(value(e as usize) * self.elements.area[e as usize])).sum()
-                };
-                // One probe for each of a few elements, evenly spread.
-                let step = members.len().div_ceil(4);
-                let (mut seen, mut area) = (0.0f64, 0.0f64);
-                for &e in members.iter().step_by(step) {
-                    let weight = f64::from(self.elements.area[e as usize]);
-                    seen += weight * f64::from(probes.of(e as usize).landed_share);
-                    area += weight;
+        for _ in 0..BALANCING_ROUNDS {
+            let sums = self.irradiance(&vec![Rgb::ONE; n]);
+            for ((scale, sum), landed) in self.scale.iter_mut().zip(&sums).zip(&landed) {
+                if sum.x > 0.0 && *landed > 0.0 {
+                    *scale = (*scale * (landed / sum.x).sqrt()).clamp(1.0 / MOST_SCALE, MOST_SCALE);
                 }
-                let linked = by_area(&|e| landed[e].x) / by_area(&|_| 1.0);
-                Ok(if linked > 0.0 { (seen / area / linked) as f32 } else { 1.0 })
-            })
-            .collect::<Result<_>>()?;
-        for (&at, scale) in clusters.iter().zip(scales) {
-            let node = &self.tree.nodes[at];
-            for &e in &self.tree.order[node.first as usize..node.end as usize] {
-                self.scale[e as usize] = scale;
             }
         }
         Ok(())
     }
 
+    /// The share of each element's light that lands: the mean of a few probes in clusters of a size that can be afforded.
+    fn landed(&self, probes: &Probes, progress: &dyn Progress) -> Result<Vec<f32>> {
+        let clusters = self.tree.cut(MOST_CLOSED);
+        let means: Vec<f32> = clusters
+            .par_iter()
+            .map(|&at| {
+                progress.check()?;
+                let node = &self.tree.nodes[at];
+                let members = &self.tree.order[node.first as usize..node.end as usize];
+                let (mut seen, mut area) = (0.0f64, 0.0f64);
+                for &e in members.iter().step_by(members.len().div_ceil(PROBES)) {
+                    let weight = f64::from(self.elements.area[e as usize]);
+                    seen += weight * f64::from(probes.of(e as usize).landed_share);
+                    area += weight;
+                }
+                Ok(if area > 0.0 { (seen / area) as f32 } else { 1.0 })
+            })
+            .collect::<Result<_>>()?;
+        let mut landed = vec![1.0; self.elements.len()];
+        for (&at, mean) in clusters.iter().zip(means) {
+            let node = &self.tree.nodes[at];
+            for &e in &self.tree.order[node.first as usize..node.end as usize] {
+                landed[e as usize] = mean;
+            }
+        }
+        Ok(landed)
+    }
+
     fn irradiance(&self, sent: &[Rgb]) -> Vec<Rgb> {
-        let sent = self.tree.pull(sent);
+        let sent: Vec<Rgb> = sent.iter().zip(&self.scale).map(|(b, s)| *b * *s).collect();
+        let sent = self.tree.pull(&sent);
         let gathered: Vec<Rgb> = (0..self.tree.nodes.len())
             .into_par_iter()
             .with_min_len(256)
