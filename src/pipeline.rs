@@ -49,6 +49,12 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         };
     }
     report.energy = lit.energy;
+    if lit.solution.blocked_share > 0.0 {
+        let message =
+            "analytic form factors know no occluders, and light goes through these; choose --form-factors area";
+        let share = 100.0 * lit.solution.blocked_share;
+        report.warnings.add(format!("{share:.2} % of the ways between elements are blocked"), message);
+    }
     for material in too_white(&loaded.scene) {
         report.warnings.add(&material.name, format!("an albedo above {MOST_ALBEDO} was baked as {MOST_ALBEDO}"));
     }

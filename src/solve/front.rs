@@ -8,8 +8,9 @@ use crate::light::direct::{Arriving, DirectParams, Receiver, arrive};
 use crate::light::{Direct, Lit};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
+use crate::trace::Segment;
 use crate::transport::tree::Tree;
-use crate::transport::{Elements, Exchanger, Probes, Rows};
+use crate::transport::{Elements, Exchanger, Method, Probes, Rows};
 use rayon::prelude::*;
 
 /// How often the direct light of a back is estimated: as an element is larger than a texel, so often more.
@@ -17,6 +18,9 @@ const BACK_SAMPLES: usize = 8;
 
 /// The power of a bounce, relative to the first, below which bounces are no longer told apart.
 const LEAST_BOUNCE: f64 = 1e-3;
+
+/// Pairs of points that are looked at for occluders.
+const BLOCKED_SAMPLES: u32 = 1 << 14;
 
 /// Solves for the light on `elements`.
 ///
@@ -69,6 +73,7 @@ pub fn solve(
     };
     let bounces = bounces(&system, exchanger, &exchange.received, params, progress)?;
     let segments = links.as_ref().map_or(rows.segments, |links| links.segments);
+    let is_blind = params.transport.method == Method::Analytic && !elements.is_empty();
     let on_back = |e: usize| if elements.back[e] { probes.of(e).landed_share } else { 0.0 };
     Ok(Solution {
         irradiance: irradiance(&exchange.received),
@@ -76,6 +81,7 @@ pub fn solve(
         landed_share: (0..elements.len()).map(on_back).collect(),
         solver,
         exchange,
+        blocked_share: is_blind.then(|| blocked_share(elements, lit)).unwrap_or_default(),
         inflow,
         rays: segments + probes.traced() + backs.iter().map(|b| b.rays).sum::<u64>(),
     })
@@ -105,6 +111,24 @@ fn bounces(
         all.push(rest);
     }
     Ok(all)
+}
+
+/// The share of segments between elements that face each other that something blocks: what analytic form factors don't know.
+fn blocked_share(elements: &Elements, lit: &Lit) -> f64 {
+    let n = elements.len() as u32;
+    let pairs = Sequence::new(elements.seed, Stage::FormFactor, u64::MAX);
+    let segments: Vec<Segment> = (0..BLOCKED_SAMPLES)
+        .filter_map(|k| {
+            let [i, j] = [2 * k, 2 * k + 1].map(|salt| pairs.hash(salt) % n);
+            let (a, b) = (elements.kept_point(i as usize, k), elements.kept_point(j as usize, k));
+            let way = b.position - a.position;
+            let faces = i != j && way.dot(a.normal) > 0.0 && way.dot(b.normal) < 0.0;
+            faces.then_some(Segment { from: a.position, to: b.position })
+        })
+        .collect();
+    let mut blocked = vec![false; segments.len()];
+    lit.ground.tracer.occluded(&segments, &mut blocked);
+    blocked.iter().filter(|b| **b).count() as f64 / segments.len().max(1) as f64
 }
 
 /// Direct light on the elements that are backs, zero on the others.

@@ -45,6 +45,8 @@ impl Solver {
     /// The solver that stands for `self` with `elements` elements.
     pub fn choose(self, elements: usize) -> Self {
         match self {
+            // A tree has at least one leaf.
+            Self::Hierarchical if elements == 0 => Self::Progressive,
             Self::Auto if elements > MOST_PROGRESSIVE => Self::Hierarchical,
             Self::Auto => Self::Progressive,
             chosen => chosen,
@@ -99,6 +101,8 @@ pub struct Solution {
     pub solver: Solver,
     /// How it came about; what elements received from each other is part of `irradiance`.
     pub exchange: Exchange,
+    /// Share of the ways between elements that something blocks, unknown to analytic form factors; 0 for the others.
+    pub blocked_share: f64,
     /// Light on backs straight from the sky and from lights that are no surface, as flux [lm].
     pub inflow: glam::DVec3,
     pub rays: u64,
