@@ -23,7 +23,7 @@ def scene_1984() -> Scene:
         Material("source", (0.0, 0.0, 0.0), emission=(10.0, 10.0, 10.0)),
     ]
     sides = {"floor": "grey", "ceiling": "grey", "left": "red", "right": "blue", "back": "white", "front": "source"}
-    return Scene("box_1984", "The Cornell box of 1984. CC0.", materials, room.walls((1, 1, 1), sides), Camera((0.5, 0.5, 2.35), 46.0))
+    return Scene("box_1984", "The Cornell box of 1984. CC0.", materials, room.walls((1, 1, 1), sides), Camera((0.5, 0.5, 2.35), 41.5))
 
 
 def scene_1985() -> Scene:
@@ -41,4 +41,4 @@ def scene_1985() -> Scene:
     low = Builder("low_box", "white").block((0.67, 0, 0.66), (0.28, 0.28, 0.28), turn=-17, without="-y")
     meshes = room.walls((1, 1, 1), sides) + [tall.mesh(), low.mesh()]
     meshes += room.hanging_lamp("source", (0.5, 0.985, 0.5), (0.3, 0.015, 0.3), "housing", "source")
-    return Scene("box_1985", "The Cornell box of 1985. CC0.", materials, meshes, Camera((0.5, 0.5, 2.35), 46.0))
+    return Scene("box_1985", "The Cornell box of 1985. CC0.", materials, meshes, Camera((0.5, 0.5, 2.35), 41.5))

@@ -40,7 +40,7 @@ def scene() -> Scene:
     for k, z in enumerate(BAYS):
         for x in (4.2, 11.8):
             meshes += pendant(f"lamp_{k}_{'left' if x < 8 else 'right'}", (x, 5.35, z + (1.0 if k < 6 else -0.9)))
-    camera = Camera.towards((1.5, 3.9, 35.2), (8.6, 1.9, 17.0), 56.0, 4 / 3)
+    camera = Camera.towards((9.6, 4.3, 35.4), (7.6, 1.9, 18.0), 56.0, 4 / 3)
     return Scene("factory", "A factory hall. CC0.", materials, meshes, camera)
 
 

@@ -40,10 +40,10 @@ def scene() -> Scene:
         meshes += trough(f"trough_{k}", z)
     meshes.append(Builder("partition", "wall").box((2.4, 0, 3.9), (6.6, 3.1, 4.2), without="-y").mesh())
     meshes += exhibits()
-    meshes += picture("picture_partition", "z", 4.2, (3.5, 5.5), (0.9, 2.5))
+    meshes += picture("picture_partition", "z", 4.2, (3.5, 5.5), (0.9, 2.5), 0)
     for k, (a, b) in enumerate([(5.2, 6.8), (7.9, 9.9), (11.2, 12.6)]):
-        meshes += picture(f"picture_left_{k}", "x", 0.0, (a, b), (1.0, 2.4))
-        meshes += picture(f"picture_right_{k}", "-x", X, (a, b), (1.0, 2.4))
+        meshes += picture(f"picture_left_{k}", "x", 0.0, (a, b), (1.0, 2.4), 1 + k)
+        meshes += picture(f"picture_right_{k}", "-x", X, (a, b), (1.0, 2.4), 4 + k)
     camera = Camera.towards((5.5, 1.75, 15.4), (4.35, 2.0, 4.0), 60.0, 4 / 3)
     return Scene("museum", "A museum hall, lit over baffles. CC0.", materials, meshes, camera)
 
@@ -109,8 +109,8 @@ def exhibits() -> list[Mesh]:
     return [*out, bench.mesh(), legs.mesh()]
 
 
-def picture(name: str, facing: str, wall: float, across: tuple[float, float], height: tuple[float, float]) -> list[Mesh]:
-    """A frame on a wall, 6 cm deep, and in it a canvas of coloured fields."""
+def picture(name: str, facing: str, wall: float, across: tuple[float, float], height: tuple[float, float], pattern: int) -> list[Mesh]:
+    """A frame on a wall, 6 cm deep, and in it a canvas of coloured fields, arranged by the number of its `pattern`."""
     (a, b), (c, d) = across, height
     frame, deep = 0.07, 0.06
 
@@ -132,11 +132,11 @@ def picture(name: str, facing: str, wall: float, across: tuple[float, float], he
         border.face(place(*p, 0), place(*q, 0), place(*q, deep), place(*p, deep))
         border.face(place(*s, deep), place(*r, deep), place(*r, deep / 2), place(*s, deep / 2))
     # Fields between lines at these shares of the canvas; every cell is a face, so that corners meet.
-    xs = [us[1] + (us[2] - us[1]) * t for t in (0, 0.28, 0.7, 1)]
-    ys = [vs[1] + (vs[2] - vs[1]) * t for t in (0, 0.36, 0.78, 1)]
-    colours = {(0, 2): "red", (1, 2): "red", (0, 1): "red", (2, 0): "blue", (2, 1): "blue", (0, 0): "yellow"}
-    fields = {m: Builder(f"{name}_{m}", m) for m in ("canvas", "red", "blue", "yellow")}
+    xs = [us[1] + (us[2] - us[1]) * t for t in (0, 0.22 + 0.05 * (pattern % 3), 0.7 - 0.06 * (pattern % 4), 1)]
+    ys = [vs[1] + (vs[2] - vs[1]) * t for t in (0, 0.3 + 0.07 * (pattern % 2), 0.78 - 0.07 * (pattern % 5), 1)]
+    names = ("canvas", "red", "canvas", "blue", "canvas", "yellow", "red")
+    fields = {m: Builder(f"{name}_{m}", m) for m in names}
     for i in range(3):
         for k in range(3):
-            face(fields[colours.get((i, k), "canvas")], (xs[i], ys[k]), (xs[i + 1], ys[k + 1]), deep / 2)
-    return [border.mesh(), *(f.mesh() for f in fields.values())]
+            face(fields[names[(3 * i + k * (pattern + 2) + pattern) % 7]], (xs[i], ys[k]), (xs[i + 1], ys[k + 1]), deep / 2)
+    return [border.mesh(), *(f.mesh() for f in fields.values() if f.faces)]

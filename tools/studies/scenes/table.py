@@ -20,7 +20,7 @@ def scene() -> Scene:
         Material("cloth", (0.14, 0.24, 0.36)),
         Material("books", (0.46, 0.13, 0.10)),
         Material("housing", (0.3, 0.3, 0.3)),
-        Material("lamp", (0.0, 0.0, 0.0), emission=(900.0, 820.0, 680.0)),
+        Material("lamp", (0.0, 0.0, 0.0), emission=(1500.0, 1370.0, 1130.0)),
     ]
     sides = {"ceiling": "plaster", "left": "warm", "right": "plaster", "back": "plaster", "front": "plaster"}
     meshes = room.walls((X, Y, Z), sides)
@@ -33,7 +33,7 @@ def scene() -> Scene:
         books().mesh(),
         Builder("box", "cloth").block((3.35, 0, 0.62), (0.5, 0.42, 0.5), turn=24, without="-y").mesh(),
     ]
-    meshes += room.hanging_lamp("lamp", (2.75, 2.5, 1.75), (0.26, 0.06, 0.26), "housing", "lamp")
+    meshes += room.hanging_lamp("lamp", (1.45, 2.35, 1.05), (0.2, 0.05, 0.2), "housing", "lamp")
     camera = Camera.towards((3.55, 1.72, 3.32), (1.55, 0.72, 0.75), 52.0, 4 / 3)
     return Scene("table", "A table in a room. CC0.", materials, meshes, camera)
 
