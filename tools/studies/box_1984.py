@@ -108,15 +108,15 @@ radiosity to pictures with an empty cube: nothing stands in the way of anything,
 is small enough to be solved as one matrix.
 
 **Scene.** A cube of 1 m; red left wall, blue right wall, white back (.75), grey floor and ceiling (.5). The open front is the
-source, as in the paper: 10 nit, diffuse, black. The paper prints a picture and few numbers; sizes, reflectances and radiance are
-ours. The camera looks in through the source's back.
+source: 10 nit, diffuse, black. The paper prints a picture and few numbers; sizes, reflectances, radiance and the number of patches
+are ours. The camera looks in through the source's back.
 
     lumel bake box_1984.glb --density {n} --elements {6 * n * n} --form-factors analytic --solver full-matrix --gather none
 
 **Numbers.** RMS over the mean, per cent. *Analytic* and *area sampling*: the mean over each patch, 4 x 4 texels for once, of the
 full matrix with these form factors against a solution whose factors are the closed forms for parallel and perpendicular
-rectangles, computed apart from the baker (`tools/studies/exact.py`). *Progressive*: shooting until it has converged, against the matrix, both analytic. *Flat*,
-*interpolated*: the patches as they are and with bilinear filtering, against the reference ({REFERENCE_TEXT}).
+rectangles, computed apart from the baker (`tools/studies/exact.py`). *Progressive*: shooting until it has converged,
+against the matrix, both analytic. *Flat*, *interpolated*: the patches as they are and with bilinear filtering, against the reference ({REFERENCE_TEXT}).
 
 {table(head, rows)}
 Neither solver nor form factors limit the picture: the patches do. Twice as many along an edge halve the error of flat patches;

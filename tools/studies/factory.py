@@ -73,18 +73,18 @@ def page(bench: Workbench, size: Size, numbers: dict, measured: dict) -> str:
 Cohen, Chen, Wallace and Greenberg, "A Progressive Refinement Approach to Fast Radiosity Image Generation" (SIGGRAPH 1988), showed
 a factory of 30,000 patches after 2,000 shots; that took about five hours on a VAX 8700.
 
-**Scene.** A procedural hall of 16 x 36 m: {numbers["triangles"]} triangles, machines, a conveyor, trusses, a crane, 14 lamps that
-shine downwards only. Every texel is a patch: {numbers["patches"]} of them.
+**Scene.** A procedural hall of 16 x 36 m: {numbers["triangles"]} triangles, machines, a conveyor, trusses, a crane, 14 lamps that shine
+downwards only. Every texel is a patch: {numbers["patches"]} of them.
 
     lumel bake factory.glb --quality draft --density {size.density:g} --elements 100000 --gather none --solver progressive --iterations {size.shots}
 
-**Time.** {numbers["shots"]} shots: **{measured["shots"]["wall"]:.0f} s** ({measured["shots"]["cpu"]:.0f} s of CPU time on
-{measured["cores"]} cores, shared with other work, {measured["date"]}); five hours are 18,000 s.
+**Time.** {numbers["shots"]} shots: **{measured["shots"]["wall"]:.0f} s**, {measured["shots"]["cpu"]:.0f} s of CPU time
+({measured["cores"]} cores that other work shared, {measured["date"]}); five hours are 18,000 s.
 
 **Error** against the reference ({REFERENCE_TEXT}), RMS over the mean and bias, per cent:
 
 {table(head, rows)}
-After {numbers["shots"]} shots {100 * numbers["unshot_share"]:.0f} % of the light that the lamps threw on the surfaces is still
-unshot: most patches have never had their turn, and the roof, which sees no lamp, shows it. The ambient term stands in for that.
-What remains beside it is the size of the patches, 0.34 m: trusses and shadows are thinner.
+After {numbers["shots"]} shots {100 * numbers["unshot_share"]:.0f} % of the light that the lamps made the surfaces reflect is still unshot: most
+patches have never had their turn, and the roof, which sees no lamp, shows it. The ambient term stands in for that light. The rest
+of the error is the size of the patches, 0.34 m: trusses and shadows are thinner.
 """

@@ -24,18 +24,34 @@ LIGHT = Size((1.5, 3.0, 4.5), (12.0, 128))
 # Where each artefact shows: name, eye, target, vertical angle, the mesh's index among the densities, patches as they are.
 ARTEFACTS = [
     ("blocky shadows", "the table's shadow on the floor follows the patches in steps", (3.3, 1.5, 3.0), (1.9, 0.0, 1.4), 36, 1, True),
-    ("missing features", "the stool's shadow on the floor has lost its legs", (3.5, 0.75, 2.75), (2.85, 0.15, 1.3), 34, 1, False),
-    ("Mach bands", "where interpolation has a kink, bright and dark lines cross the wall", (2.9, 1.4, 2.6), (1.6, 1.35, 0.0), 40, 1, False),
+    ("missing features", "the shelf throws no shadow on the wall", (2.9, 1.4, 2.6), (1.6, 1.35, 0.0), 40, 0, False),
     (
-        "inappropriate shading discontinuities",
-        "the floor is two slabs, meshed apart: shading jumps along their joint",
-        (1.9, 0.9, 3.3),
-        (1.37, 0.0, 2.0),
+        "Mach bands",
+        "interpolation is straight between patches and has a kink at each: lines along the shadow, a star above the shelf",
+        (1.9, 1.6, 2.2),
+        (1.35, 1.6, 0.0),
         42,
-        0,
+        1,
         False,
     ),
-    ("unresolved discontinuities", "light reaches below the box and shade reaches out: its edge lies inside a patch", (2.5, 0.8, 2.2), (3.3, 0.1, 0.6), 36, 1, False),
+    (
+        "inappropriate shading discontinuities",
+        "the floor is two slabs, meshed apart: where the table's shadow crosses their joint, shading jumps",
+        (1.95, 0.5, 1.5),
+        (1.37, 0.0, 0.5),
+        28,
+        1,
+        False,
+    ),
+    (
+        "unresolved discontinuities",
+        "the shelf meets the wall inside a patch: light leaks below it, shade above",
+        (1.95, 1.15, 1.3),
+        (1.6, 1.45, 0.0),
+        34,
+        1,
+        False,
+    ),
 ]
 
 

@@ -106,16 +106,15 @@ class Workbench:
         rgb, covered = self.render(bake, size, **options)
         path = self.page / f"{name}.png"
         used = display.write_png(path, rgb, exposure, covered > 0)
-        shrink(path)
+        shrink(path, dither=not options.get("flat"))
         return used
 
-    def error_picture(self, name: str, bake: Bake, reference: Bake, size=(480, 360), percent: float = 20, **options) -> None:
+    def error_picture(self, name: str, bake: Bake, reference: Bake, size=(480, 360), percent=20.0, both_flat=False, **options) -> None:
         """The relative error that the camera sees, in the colours of `lumel compare`: blue darker, red brighter than the reference."""
         files = []
-        shared = {k: v for k, v in options.items() if k == "view"}
-        for part, (rgb, covered) in (("test", self.render(bake, size, **options)), ("truth", self.render(reference, size, **shared))):
+        for part, of, flat in (("test", bake, both_flat), ("truth", reference, both_flat)):
             files.append(self.work / f"{part}.exr")
-            write_exr(files[-1], rgb, covered)
+            write_exr(files[-1], *self.render(of, size, flat=flat, **options))
         path = self.page / f"{name}.png"
         command = [program(), "compare", *files, "-o", path, "--range", percent, "--json"]
         run = subprocess.run([str(c) for c in command], stdin=subprocess.DEVNULL, capture_output=True, text=True)
@@ -140,11 +139,15 @@ def write_exr(path: Path, rgb: np.ndarray, covered: np.ndarray) -> None:
         f.write(str(path))
 
 
-def shrink(path: Path) -> None:
-    """Rewrites a PNG with a palette of its own: a third of the size, no difference that one sees."""
+def shrink(path: Path, dither: bool = False) -> None:
+    """Rewrites a PNG with a palette of its own: a third of the size. Dithered, smooth shading gets no bands of its own."""
     from PIL import Image
 
-    Image.open(path).convert("RGB").quantize(192, method=Image.Quantize.MEDIANCUT, kmeans=1).save(path, optimize=True)
+    full = Image.open(path).convert("RGB")
+    small = full.quantize(255, method=Image.Quantize.MAXCOVERAGE, kmeans=4)
+    if dither:
+        small = full.quantize(palette=small, dither=Image.Dither.FLOYDSTEINBERG)
+    small.save(path, optimize=True)
 
 
 def error(test: np.ndarray, reference: np.ndarray, weight: np.ndarray | float = 1.0) -> dict[str, float]:
