@@ -8,9 +8,9 @@ from conftest import SAMPLES
 from studies import workbench
 
 # What a committed number may differ by from the same number made again on another machine.
-TOLERANCE = 0.02
+TOLERANCE = 0.05
 # Points below which a difference in per cent means nothing.
-FLOOR = 0.05
+FLOOR = 0.3
 
 
 @pytest.fixture(scope="session")
@@ -58,6 +58,10 @@ def test_page_shows_every_picture(name):
     assert pictures and [p for p in pictures if f"]({p})" not in text] == []
 
 
+def test_pages_stay_small():
+    assert sum(f.stat().st_size for f in (SAMPLES / "studies").rglob("*") if f.is_file()) < 2_000_000
+
+
 def test_full_matrix_agrees_with_closed_forms_and_with_shooting(small):
     for row in small("box_1984")["by_edge"].values():
         assert row["analytic"]["rms"] < 0.3, row
@@ -70,6 +74,13 @@ def test_patches_halve_the_error_of_the_1984_box():
     rows = list(committed("box_1984")["full"]["by_edge"].values())
     for coarse, fine in zip(rows, rows[1:]):
         assert fine["flat"]["rms"] < 0.6 * coarse["flat"]["rms"]
+
+
+@pytest.mark.parametrize("name", studies.NAMES)
+def test_reference_agrees_with_path_tracing(name, small):
+    # The small versions have few and large texels, the full ones enough of them.
+    assert abs(small(name)["reference_bias"]) < 4
+    assert abs(committed(name)["full"]["reference_bias"]) < 1.5
 
 
 def test_hemicube_error_falls_with_its_resolution(small):

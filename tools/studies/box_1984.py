@@ -9,7 +9,7 @@ from baked.energy import points
 
 from . import exact
 from .scenes import boxes
-from .workbench import REFERENCE_TEXT, Bake, Workbench, error, page_error, shown, surface_error, table
+from .workbench import Bake, Workbench, error, page_error, reference_text, shown, surface_error, table
 
 
 @dataclass
@@ -69,7 +69,7 @@ def measure(bench: Workbench, size: Size) -> tuple[dict, dict]:
             "flat": surface_error(matrix, reference, flat=True),
             "interpolated": surface_error(matrix, reference),
         }
-    return {"by_edge": rows}, {"solve_s": seconds}
+    return {"by_edge": rows, "reference_bias": bench.reference_bias(scene, density, samples)}, {"solve_s": seconds}
 
 
 def page(bench: Workbench, size: Size, numbers: dict, measured: dict) -> str:
@@ -116,7 +116,7 @@ are ours. The camera looks in through the source's back.
 **Numbers.** RMS over the mean, per cent. *Analytic* and *area sampling*: the mean over each patch, 4 x 4 texels for once, of the
 full matrix with these form factors against a solution whose factors are the closed forms for parallel and perpendicular
 rectangles, computed apart from the baker (`tools/studies/exact.py`). *Progressive*: shooting until it has converged,
-against the matrix, both analytic. *Flat*, *interpolated*: the patches as they are and with bilinear filtering, against the reference ({REFERENCE_TEXT}).
+against the matrix, both analytic. *Flat*, *interpolated*: the patches as they are and with bilinear filtering, against the reference ({reference_text(numbers)}).
 
 {table(head, rows)}
 Neither solver nor form factors limit the picture: the patches do. Twice as many along an edge halve the error of flat patches;

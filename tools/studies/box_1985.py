@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from .scenes import boxes
-from .workbench import REFERENCE_TEXT, Bake, Workbench, page_error, shown, table
+from .workbench import Bake, Workbench, page_error, reference_text, shown, table
 
 
 @dataclass
@@ -48,6 +48,7 @@ def measure(bench: Workbench, size: Size) -> tuple[dict, dict]:
         }
         seconds[f"{n}"] = cube.seconds("solve")
     return {
+        "reference_bias": bench.reference_bias(bench.work / "box_1985.glb", size.density, size.samples),
         "patches": area.solver["elements"],
         "by_cells": rows,
         "area_against_reference": page_error(area.pages(), truth),
@@ -91,7 +92,7 @@ reflectances are ours. {numbers["patches"]} patches, each a texel, shown as they
     lumel bake box_1985.glb --density {size.density:g} --elements 100000 --gather none --solver gauss-seidel --form-factors hemicube --hemicube {many}
 
 **Error.** RMS over the mean and bias, per cent, by the cells along the edge of the hemicube's top: against a hemicube of
-{2 * size.cells[-1]} cells, against area sampling on the same patches, and against the reference ({REFERENCE_TEXT}), which
+{2 * size.cells[-1]} cells, against area sampling on the same patches, and against the reference ({reference_text(numbers)}), which
 counts the size of the patches as well.
 
 {table(head, rows)}

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from .scenes import factory
-from .workbench import REFERENCE_TEXT, Bake, Workbench, page_error, shown, significant, table
+from .workbench import Bake, Workbench, page_error, reference_text, shown, significant, table
 
 
 @dataclass
@@ -42,6 +42,7 @@ def measure(bench: Workbench, size: Size) -> tuple[dict, dict]:
             "ambient": page_error(ambient.pages(step), truth),
         }
     numbers = {
+        "reference_bias": bench.reference_bias(bench.work / "factory.glb", size.density, size.samples),
         "triangles": plain.report["triangles"],
         "patches": plain.solver["elements"],
         "shots": plain.solver["iterations"],
@@ -81,7 +82,7 @@ downwards only. Every texel is a patch: {numbers["patches"]} of them.
 **Time.** {numbers["shots"]} shots: **{measured["shots"]["wall"]:.0f} s**, {measured["shots"]["cpu"]:.0f} s of CPU time
 ({measured["cores"]} cores that other work shared, {measured["date"]}); five hours are 18,000 s.
 
-**Error** against the reference ({REFERENCE_TEXT}), RMS over the mean and bias, per cent:
+**Error** against the reference ({reference_text(numbers)}), RMS over the mean and bias, per cent:
 
 {table(head, rows)}
 After {numbers["shots"]} shots {100 * numbers["unshot_share"]:.0f} % of the light that the lamps made the surfaces reflect is still unshot: most

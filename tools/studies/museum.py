@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from .scenes import museum
-from .workbench import REFERENCE_TEXT, Bake, Workbench, page_error, shown, significant, table
+from .workbench import Bake, Workbench, page_error, reference_text, shown, significant, table
 
 
 @dataclass
@@ -45,7 +45,12 @@ def measure(bench: Workbench, size: Size) -> tuple[dict, dict]:
         for step in size.shown
     }
     share = 100 + page_error(direct(bench, size).pages(), truth)["bias"]
-    numbers = {"elements": plain.solver["elements"], "direct_percent": significant(share), "by_step": steps}
+    numbers = {
+        "reference_bias": bench.reference_bias(bench.work / "museum.glb", size.density, size.samples),
+        "elements": plain.solver["elements"],
+        "direct_percent": significant(share),
+        "by_step": steps,
+    }
     return numbers, {"shots": plain.seconds("solve")}
 
 
@@ -79,7 +84,7 @@ Direct light is {numbers["direct_percent"]:.0f} % of all that arrives, nearly al
     lumel bake museum.glb --density {size.density:g} --elements {size.elements} --gather none --solver progressive --ambient --watch steps --watch-every {size.every}
     tools/picture museum_baked/museum.glb --pages steps/{size.shown[1]:06}_ -o {size.shown[1]}.png
 
-**Error** of the steps against the reference ({REFERENCE_TEXT}), RMS over the mean and bias, per cent; {numbers["elements"]}
+**Error** of the steps against the reference ({reference_text(numbers)}), RMS over the mean and bias, per cent; {numbers["elements"]}
 elements, the shots took {measured["shots"]["cpu"]:.0f} s of CPU time ({measured["cores"]} cores, {measured["date"]}).
 
 {table(["shots", "RMS", "bias", "RMS, ambient term", "bias, ambient term"], rows)}
