@@ -32,6 +32,13 @@ def read_page(path: Path | str) -> Page:
         return Page(rgb.copy(), alpha.copy(), header)
 
 
+def nearest(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Rows of `image` at `uv` (N, 2), v down: the texel that holds each point, unfiltered."""
+    h, w = image.shape[:2]
+    x, y = np.floor(uv[:, 0] * w).astype(int), np.floor(uv[:, 1] * h).astype(int)
+    return image[np.clip(y, 0, h - 1), np.clip(x, 0, w - 1)]
+
+
 def bilinear(image: np.ndarray, uv: np.ndarray, wrap: bool = False) -> np.ndarray:
     """Rows of `image` at `uv` (N, 2), v down, texel centres at (i + 0.5) / size; clamped at the edge, or repeated."""
     h, w = image.shape[:2]

@@ -8,7 +8,7 @@ import numpy as np
 
 from .display import linear_from_srgb
 from .gltf import Document
-from .pages import Page, bilinear, read_page
+from .pages import Page, bilinear, nearest, read_page
 
 
 @dataclass
@@ -41,6 +41,7 @@ class Triangles:
     looks: list[Look]
     pages: list[Page]
     lumel: dict
+    flat: bool = False  # each texel one value, unfiltered, in place of bilinear
 
     def normals(self) -> np.ndarray:
         """Geometric normals, not normalized: twice the area long."""
@@ -54,8 +55,8 @@ class Triangles:
 SETS = 4
 
 
-def load(path: Path | str) -> Triangles:
-    """Reads a GLB and the pages it lists."""
+def load(path: Path | str, pages: Path | str | None = None) -> Triangles:
+    """Reads a GLB and the pages it lists, or in their place those whose file names are `pages` and then `<number>.exr`."""
     doc = Document(path)
     looks = [_look(doc, m) for m in doc.json.get("materials", [])] + [Look()]
     parts: dict[str, list] = {k: [] for k in ("position", "page_uv", "page", "node", "look", "uv", "color", "irradiance")}
@@ -102,9 +103,11 @@ def load(path: Path | str) -> Triangles:
         raise SystemExit(f"{path}: holds no mesh")
     lumel = doc.lumel()
     folder = Path(path).parent
-    pages = [read_page(folder / unquote(p["uri"])) for p in lumel.get("pages", [])]
+    files = [folder / unquote(p["uri"]) for p in lumel.get("pages", [])]
+    if pages is not None:
+        files = [Path(f"{pages}{k}.exr") for k in range(len(files))]
     joined = {k: np.concatenate(v, axis=1 if k == "uv" else 0) for k, v in parts.items()}
-    return Triangles(**joined, names=names, looks=looks, pages=pages, lumel=lumel)
+    return Triangles(**joined, names=names, looks=looks, pages=[read_page(f) for f in files], lumel=lumel)
 
 
 def _look(doc: Document, material: dict) -> Look:
@@ -176,7 +179,7 @@ def lightmap_at(t: Triangles, triangle: np.ndarray, weights: np.ndarray) -> np.n
     uv = (t.page_uv[triangle] * weights[..., None]).sum(1)
     for k, page in enumerate(t.pages):
         at = t.page[triangle] == k
-        out[at] = bilinear(page.rgb, uv[at])
+        out[at] = (nearest if t.flat else bilinear)(page.rgb, uv[at])
     return out
 
 

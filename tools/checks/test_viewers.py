@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import numpy as np
-from conftest import TOOLS
+from conftest import SAMPLES, TOOLS
 from PIL import Image
 
 
@@ -18,3 +18,15 @@ def test_picture_and_preview_write_png(bake, pictures):
         page = pictures / f"{done.scene.stem}_{done.scene.suffix[1:]}_page.png"
         subprocess.run([sys.executable, TOOLS / "preview", done.folder, "-o", page], check=True)
         assert page.exists()
+
+
+def test_picture_shows_other_pages(bake, tmp_path):
+    """The pages of a watched step in place of the bake's own, texels unfiltered."""
+    done = bake(SAMPLES / "cornell_box/cornell_box.glb", "--resolution", "64", "--solver", "progressive", "--iterations", 8,
+                "--watch", tmp_path / "steps", "--watch-every", 4)
+    png = tmp_path / "step.png"
+    command = [sys.executable, TOOLS / "picture", done.glb, "-o", png, "--size", "160x120", "--flat", "--pages"]
+    subprocess.run([*command, tmp_path / "steps" / "000004_"], check=True)
+    assert np.asarray(Image.open(png).convert("L"), float).std() > 20
+    missing = subprocess.run([*command, tmp_path / "steps" / "000005_"], capture_output=True, text=True)
+    assert missing.returncode == 1 and "no such page" in missing.stderr, missing.stderr

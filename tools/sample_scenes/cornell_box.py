@@ -77,5 +77,5 @@ def scene() -> Scene:
             polygons("lamp", "lamp", [LIGHT]),
         ],
         # Published: at 278 273 -800, focal length 0.035, film 0.025 by 0.025.
-        Camera((0.278, 0.273, -0.8), round(degrees(2 * atan(0.0125 / 0.035)), 4), turned=True),
+        Camera((0.278, 0.273, -0.8), round(degrees(2 * atan(0.0125 / 0.035)), 4), yaw=180),
     )

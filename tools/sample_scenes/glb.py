@@ -64,8 +64,8 @@ def write(scene: Scene, path: Path) -> None:
         yfov = c.fov * 3.141592653589793 / 180
         document["cameras"] = [{"type": "perspective", "perspective": {"aspectRatio": c.aspect, "yfov": yfov, "znear": 0.01}}]
         nodes.append({"name": "camera", "camera": 0, "translation": list(c.eye)})
-        if c.turned:
-            nodes[-1]["rotation"] = [0, 1, 0, 0]
+        if c.yaw or c.pitch:
+            nodes[-1]["rotation"] = c.quaternion()
     document |= {
         "scene": 0,
         "scenes": [{"name": scene.name, "nodes": list(range(len(nodes)))}],

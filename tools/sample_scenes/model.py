@@ -1,6 +1,7 @@
 """A small scene in memory: what both writers need."""
 
 from dataclasses import dataclass, field
+from math import atan2, cos, degrees, hypot, pi, radians, sin
 
 Vec3 = tuple[float, float, float]
 
@@ -39,12 +40,25 @@ class Mesh:
 
 @dataclass
 class Camera:
-    """A pinhole at `eye`, looking along +Z where `turned`, else along -Z; `fov` is its vertical angle [degrees]."""
+    """A pinhole at `eye`; `fov` is its vertical angle. It looks along -Z, raised by `pitch` about X, then turned by `yaw` about
+    Y; all angles in degrees."""
 
     eye: Vec3
     fov: float
-    turned: bool = False
+    yaw: float = 0.0
     aspect: float = 1.0
+    pitch: float = 0.0
+
+    @staticmethod
+    def towards(eye: Vec3, target: Vec3, fov: float, aspect: float) -> "Camera":
+        x, y, z = (b - a for a, b in zip(eye, target))
+        return Camera(eye, fov, round(degrees(atan2(-x, -z)), 4), aspect, round(degrees(atan2(y, hypot(x, z))), 4))
+
+    def quaternion(self) -> list[float]:
+        """x, y, z, w."""
+        p, y = radians(self.pitch) / 2, radians(self.yaw) / 2
+        exact = (cos(y) * sin(p), sin(y) * cos(p), -sin(y) * sin(p), cos(y) * cos(p))
+        return [int(v) if v == int(v) else v for v in (round(v, 9) for v in exact)]
 
 
 @dataclass
@@ -90,6 +104,54 @@ class Builder:
         for side, corners in sides.items():
             if side not in without.split():
                 self.face(*corners)
+        return self
+
+    def block(self, centre: Vec3, size: Vec3, turn: float = 0.0, without: str = "") -> "Builder":
+        """A box whose bottom has its middle at `centre`, turned about the vertical by `turn` [degrees]; `without` as for `box`."""
+        c, s = cos(radians(turn)), sin(radians(turn))
+        w, h, d = size
+        part = Builder("", "").box((-w / 2, 0, -d / 2), (w / 2, h, d / 2), without)
+        x, y, z = centre
+        return self.add(part, lambda p: (x + c * p[0] + s * p[2], y + p[1], z - s * p[0] + c * p[2]))
+
+    def bar(self, a: Vec3, b: Vec3, width: float, height: float) -> "Builder":
+        """A box from `a` to `b`, two points of one vertical plane along X or Z, without its ends."""
+        dx, dy, dz = (q - p for p, q in zip(a, b))
+        flat = hypot(dx, dz)
+        length = hypot(flat, dy)
+        along = (dx / length, dy / length, dz / length)
+        side = (dz / flat, 0.0, -dx / flat) if flat > 1e-9 else (0.0, 0.0, 1.0)
+        up = (
+            along[1] * side[2] - along[2] * side[1],
+            along[2] * side[0] - along[0] * side[2],
+            along[0] * side[1] - along[1] * side[0],
+        )
+
+        def place(p: Vec3) -> Vec3:
+            return tuple(o + p[2] * u + p[0] * s + p[1] * t for o, u, s, t in zip(a, along, side, up))
+
+        w, h = width / 2, height / 2
+        return self.add(Builder("", "").box((-w, -h, 0), (w, h, length), without="-z +z"), place)
+
+    def lathe(self, centre: Vec3, profile: list[tuple[float, float]], sides: int) -> "Builder":
+        """The surface that `profile`, pairs of radius and height going up, draws around the vertical through `centre`; flat facets.
+        A radius of 0 closes it."""
+        x, y, z = centre
+        rings = [
+            [(x + r * cos(2 * pi * k / sides), y + h, z - r * sin(2 * pi * k / sides)) for k in range(sides)] if r else [(x, y + h, z)] * sides
+            for r, h in profile
+        ]
+        for (r0, _), (r1, _), low, high in zip(profile, profile[1:], rings, rings[1:]):
+            for k in range(sides):
+                n = (k + 1) % sides
+                corners = [low[k], low[n], high[n], high[k]]
+                self.face(*(corners[:1] + corners[2:] if not r0 else corners[:3] if not r1 else corners))
+        return self
+
+    def add(self, part: "Builder", place) -> "Builder":
+        """The faces of another builder, each point moved by `place`; rounded to the micrometre, so that corners that meet are equal."""
+        for face in part.faces:
+            self.face(*(tuple(round(v, 6) + 0.0 for v in place(part.points[i])) for i in face))
         return self
 
     def mesh(self) -> Mesh:

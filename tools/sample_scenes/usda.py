@@ -84,8 +84,9 @@ def camera(c: Camera) -> str:
     """A camera with a film as high as the scene's aspect asks for, 24 mm high."""
     film = 24.0
     focal = film / 2 / tan(radians(c.fov) / 2)
-    turn = "double3 xformOp:rotateXYZ = (0, 180, 0)\n" if c.turned else ""
-    order = '["xformOp:translate", "xformOp:rotateXYZ"]' if c.turned else '["xformOp:translate"]'
+    turned = c.yaw or c.pitch
+    turn = f"double3 xformOp:rotateXYZ = {tuple_of((c.pitch, c.yaw, 0))}\n" if turned else ""
+    order = '["xformOp:translate", "xformOp:rotateXYZ"]' if turned else '["xformOp:translate"]'
     body = (
         f"float2 clippingRange = (0.01, 1000)\nfloat focalLength = {number(focal)}\n"
         f"float horizontalAperture = {number(film * c.aspect)}\nfloat verticalAperture = {number(film)}\n{turn}"
