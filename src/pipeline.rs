@@ -37,7 +37,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
     report.noise = lit.gathered.noise;
     if settings.method == Method::Radiosity {
-        report.solver = SolverReport {
+        report.solver = Some(SolverReport {
             name: lit.solution.solver.name(),
             form_factors: settings.form_factors,
             elements: lit.elements.len(),
@@ -46,7 +46,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
             unshot: lit.solution.exchange.unshot,
             links: lit.solution.exchange.links,
             steps: lit.solution.exchange.steps.clone(),
-        };
+        });
     }
     report.energy = lit.energy;
     if lit.solution.blocked_share > 0.0 {
@@ -64,9 +64,10 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
 
 /// Says where a bake should not be trusted as it is.
 fn warn_of_doubts(report: &mut Report, settings: &Settings) {
-    if settings.max_bounces.is_none() && settings.iterations.is_none() && report.solver.residual > RESIDUAL {
+    let is_free = settings.max_bounces.is_none() && settings.iterations.is_none();
+    if let Some(residual) = report.solver.as_ref().map(|s| s.residual).filter(|r| is_free && *r > RESIDUAL) {
         let message = "the solver stopped before it converged; albedos this high keep light for very long";
-        report.warnings.add(format!("residual {:.2} %", 100.0 * report.solver.residual), message);
+        report.warnings.add(format!("residual {:.2} %", 100.0 * residual), message);
     }
     if report.energy.imbalance.abs() > MOST_IMBALANCE {
         let message = "the energy balance does not close: look at the pages, and try a higher density or quality";

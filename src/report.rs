@@ -3,7 +3,7 @@
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
-use crate::settings::{Method, Settings};
+use crate::settings::Settings;
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
@@ -33,7 +33,9 @@ pub struct Report {
     pub stages: Vec<StageTime>,
     /// Rays and visibility segments that were traced.
     pub rays: u64,
-    pub solver: SolverReport,
+    /// Absent where paths were traced.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub solver: Option<SolverReport>,
     /// Noise of the gathered light over all texels, root mean square over mean irradiance.
     pub noise: f64,
     pub energy: EnergyBalance,
@@ -80,7 +82,7 @@ pub struct StageTime {
     pub cpu_s: f64,
 }
 
-/// How the solver ended; all zero where paths were traced in its place.
+/// How the solver ended.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct SolverReport {
     pub name: &'static str,
@@ -108,13 +110,13 @@ impl Report {
         let (count, sizes) = (pages.len(), pages.join(", "));
         let mut lines = vec![format!("{what} at {:.4} texels/m on {count} page(s): {sizes}", self.density)];
         if is_lit {
-            let how = match (self.settings.method, self.solver.residual) {
-                (Method::Path, _) => "traced by paths".to_string(),
-                (_, r) if r > 1.0 => {
-                    format!("{} over {} elements, residual above 100 %", self.solver.name, self.solver.elements)
+            let how = match &self.solver {
+                None => "traced by paths".to_string(),
+                Some(SolverReport { name, elements, residual, .. }) if *residual > 1.0 => {
+                    format!("{name} over {elements} elements, residual above 100 %")
                 }
-                (_, r) => {
-                    format!("{} over {} elements, residual {:.3} %", self.solver.name, self.solver.elements, 100.0 * r)
+                Some(SolverReport { name, elements, residual, .. }) => {
+                    format!("{name} over {elements} elements, residual {:.3} %", 100.0 * residual)
                 }
             };
             lines.push(how);

@@ -18,6 +18,8 @@ pub struct Groups {
     /// Group of each element.
     group: Vec<u32>,
     area: Vec<f64>,
+    /// By element [m^2].
+    element_area: Vec<f64>,
 }
 
 /// A shrinking change that a sweep found is taken to go on shrinking by this factor at best and at worst: below, noise would
@@ -41,9 +43,10 @@ impl Groups {
             members += 1;
             group.push(current);
         }
-        let mut groups = Self { area: vec![0.0; group.last().map_or(0, |g| *g as usize + 1)], group };
-        let areas: Vec<f64> = elements.area.iter().map(|a| f64::from(*a)).collect();
-        groups.area = groups.sums(&areas);
+        let count = group.last().map_or(0, |g| *g as usize + 1);
+        let element_area = elements.area.iter().map(|a| f64::from(*a)).collect();
+        let mut groups = Self { area: vec![0.0; count], group, element_area };
+        groups.area = groups.sums(&groups.element_area);
         groups
     }
 
@@ -145,11 +148,13 @@ impl Convergence {
                 break;
             }
         }
-        // No group can get more than all of it, however often it is reflected.
-        let whole: f64 = self.groups.area.iter().sum();
-        let mean = self.albedo.iter().zip(&self.groups.area).map(|(rho, a)| rho * a).sum::<f64>() / whole;
-        let most = total / (1.0 - mean).max(1e-3);
-        change.iter_mut().for_each(|c| *c = c.min(most));
+        // A shower of light from all sides is as bright as the brightest that sends it, and no surface gets more.
+        let radiosity =
+            unshot.iter().zip(&self.groups.element_area).map(|(power, area)| power / area.max(f64::MIN_POSITIVE));
+        let brightest = radiosity.fold(0.0, f64::max);
+        for ((change, albedo), area) in change.iter_mut().zip(&self.albedo).zip(&self.groups.area) {
+            *change = change.min(albedo * area * brightest / (1.0 - albedo).max(1e-3));
+        }
         self.groups.worst(&change, &self.groups.sums(sent))
     }
 }

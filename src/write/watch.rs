@@ -1,6 +1,6 @@
 //! Pages of a solution as it grows: an EXR and a small PNG of each, so that one can watch a scene light up.
 
-use super::exr::write_image;
+use super::exr::{PageHeader, write_page};
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::light::{Direct, Lit};
@@ -46,7 +46,9 @@ impl<'a> WatchFolder<'a> {
         let pages = fill(lit, |i| self.quantity.of(irradiance(i), lit.reflectance.0[i]));
         for (page, image) in pages.iter().enumerate() {
             let name = |extension: &str| self.folder.join(format!("{iteration:06}_{page}.{extension}"));
-            write_image(&name("exr"), image.width, image.height, &image.rgb)?;
+            let header =
+                PageHeader { quantity: self.quantity, page: page as u32, density: lit.ground.atlas.density, scene: "" };
+            write_page(&name("exr"), image, &[], &header, true)?;
             self.write_png(&name("png"), image)?;
         }
         Ok(())
