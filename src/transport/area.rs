@@ -62,23 +62,29 @@ pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, eff
     }
 }
 
-/// The form factor from element `i` to `j` by one sample, where it is small enough for that ([`Effort::is_small`]).
+/// The form factor from element `i` to `j`, which is at most `most`, by one sample: small enough for that
+/// ([`Effort::is_small`]).
 ///
 /// Symmetric: `A_i F_ij` is the same for (j, i).
-pub fn glance(elements: &Elements, ground: &Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
+pub fn glance(elements: &Elements, ground: &Ground, i: usize, j: usize, most: f32, effort: &Effort) -> FormFactor {
     let (low, high) = (i.min(j), i.max(j));
     let chance = Sequence::new(elements.seed, Stage::FormFactor, ((low as u64) << 28) | high as u64).hash(0);
+    // Drawn before the points are looked up, which takes longer than all the rest.
+    let area = f64::from(elements.area[j]);
+    let threshold = effort.tolerance(0.0) * area / f64::from(elements.area[high]);
+    let passing = threshold * f64::from(chance >> 16) / 65536.0;
+    let nothing = |kernel: f64| FormFactor { value: 0.0, error: 0.5 * kernel, samples: 0 };
+    if f64::from(most) <= passing {
+        return nothing(f64::from(most));
+    }
     let a = elements.kept_point(low, chance & 0xff);
     let b = elements.kept_point(high, (chance >> 8) & 0xff);
     let way = b.position - a.position;
     let square = f64::from(way.length_squared());
     let cos = f64::from(way.dot(a.normal)).max(0.0) * f64::from(-way.dot(b.normal)).max(0.0);
-    let area = f64::from(elements.area[j]);
     let kernel = area * cos / (PI * square * square);
-    let threshold = effort.tolerance(0.0) * area / f64::from(elements.area[high]);
-    let nothing = FormFactor { value: 0.0, error: 0.5 * kernel, samples: 0 };
-    if kernel <= threshold * f64::from(chance >> 16) / 65536.0 {
-        return nothing;
+    if kernel <= passing {
+        return nothing(kernel);
     }
     let mut blocked = [false];
     ground.tracer.occluded(&[Segment { from: a.position, to: b.position }], &mut blocked);

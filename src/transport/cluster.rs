@@ -65,13 +65,15 @@ impl Cluster {
         if least >= FRAC_PI_2 { 0.0 } else { least.cos() }
     }
 
-    /// About the largest form factor from this cluster to `other` that is possible without occluders, where they don't touch.
+    /// A bound on the form factor between any point of this cluster and `other`; infinite where they may touch.
     pub fn most_form_factor(&self, other: &Self) -> f32 {
         let way = other.centre - self.centre;
-        let square = way.length_squared();
-        let distance = square.sqrt();
-        let slack = (self.radius + other.radius) / distance;
-        let cosine = |c: &Self, towards: f32| (towards / distance + slack + c.bulge).clamp(0.0, 1.0);
-        cosine(self, way.dot(self.axis)) * cosine(other, -way.dot(other.axis)) * other.area / (PI * square)
+        let reach = self.radius + other.radius;
+        let gap = way.length() - reach;
+        if gap <= 0.0 {
+            return f32::INFINITY;
+        }
+        let cosine = |c: &Self, towards: f32| ((towards + reach) / gap + c.bulge).clamp(0.0, 1.0);
+        cosine(self, way.dot(self.axis)) * cosine(other, -way.dot(other.axis)) * other.area / (PI * gap * gap)
     }
 }

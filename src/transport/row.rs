@@ -195,13 +195,14 @@ impl<'a> Rows<'a> {
             return (0.0, 0);
         }
         let effort = &self.params.effort;
+        let most = a.most_form_factor(b);
         let outlines = || [self.outline(i), self.outline(j)];
         let f = match self.params.method {
             Method::Analytic => analytic::form_factor(self.elements, i, j, outlines(), effort),
             _ if self.elements.are_near(i, j) => {
                 near::form_factor(self.elements, self.ground, i, j, outlines(), effort)
             }
-            _ if effort.is_small(a.most_form_factor(b)) => area::glance(self.elements, self.ground, i, j, effort),
+            _ if effort.is_small(most) => area::glance(self.elements, self.ground, i, j, most, effort),
             _ => area::form_factor(self.elements, self.ground, i, j, effort),
         };
         // The quadrature's points are no segments.
