@@ -41,6 +41,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
             name: lit.solution.solver.name(),
             form_factors: settings.form_factors,
             elements: lit.elements.len(),
+            samples: lit.solution.segments,
             iterations: lit.solution.exchange.iterations,
             residual: lit.solution.exchange.residual,
             unshot: lit.solution.exchange.unshot,

@@ -88,6 +88,8 @@ pub struct SolverReport {
     pub name: &'static str,
     pub form_factors: FormFactors,
     pub elements: usize,
+    /// Samples (segments) that form factors took; those of hemicubes and hemispheres are not among them.
+    pub samples: u64,
     /// Shots or sweeps.
     pub iterations: u64,
     /// Estimated remaining change of the worst surface's mean radiosity, relative to it.

@@ -81,6 +81,7 @@ pub fn solve(
         landed_share: (0..elements.len()).map(on_back).collect(),
         solver,
         exchange,
+        segments,
         blocked_share: is_blind.then(|| blocked_share(elements, lit)).unwrap_or_default(),
         inflow,
         rays: segments + probes.traced() + backs.iter().map(|b| b.rays).sum::<u64>(),

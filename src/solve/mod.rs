@@ -101,6 +101,8 @@ pub struct Solution {
     pub solver: Solver,
     /// How it came about; what elements received from each other is part of `irradiance`.
     pub exchange: Exchange,
+    /// Segments that were traced for form factors.
+    pub segments: u64,
     /// Share of the ways between elements that something blocks, unknown to analytic form factors; 0 for the others.
     pub blocked_share: f64,
     /// Light on backs straight from the sky and from lights that are no surface, as flux [lm].
