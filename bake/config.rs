@@ -215,7 +215,7 @@ mod tests {
                     --quantity irradiance --float --max-bounces 4 --samples 64 --seed 5 --threads 2 --sky 1,2,0.1 \
                     --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --link-error 1e-6 --iterations 7 --overshoot=false --ambient --gather none --layers direct,bounces --watch w \
-                    --watch-every 3 --method path";
+                    --watch-every 3 --method radiosity";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(typed("--density 2 --page-size 512 --environment e.hdr").keys().cloned());
         keys.sort();

@@ -5,7 +5,7 @@ mod support;
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use lumel::color::Rgb;
 use lumel::illuminate::Illuminated;
-use lumel::light::Lights;
+use lumel::light::{Lights, Lit};
 use lumel::patch::reflectance::reflectance;
 use lumel::patch::unocclude::unocclude;
 use lumel::patch::{Ground, Patches, rasterize};
@@ -26,10 +26,11 @@ fn traced(scene: &Scene, atlas: &Atlas, params: &PathParams) -> (Traced, Patches
     let tracer = Tracer::new(scene);
     let patches = rasterize(scene, atlas, &tracer, &Silent).unwrap();
     let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
-    let (reflectance, _) = reflectance(&ground, &Silent).unwrap();
-    let exposure = unocclude(&ground, 0, &Silent).unwrap();
-    let lights = Lights::new(scene);
-    (trace(&ground, &exposure, &reflectance, &lights, params, &Silent).unwrap(), patches)
+    let (reflectance, emission) = &reflectance(&ground, &Silent).unwrap();
+    let exposure = &unocclude(&ground, 0, &Silent).unwrap();
+    let lights = &Lights::new(scene);
+    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params: &draft().direct_params() };
+    (trace(&lit, params, &Silent).unwrap(), patches)
 }
 
 fn paths() -> Settings {
