@@ -39,17 +39,23 @@ fn run(args: &impl Typed, output: Option<&Path>, console: &Console, job: Job) ->
     destination::refuse_replacing(scene, &inputs, &folder)?;
 
     interrupt::install(console, console.cancel_flag(), Some(folder.clone()));
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(settings.threads.unwrap_or(0))
-        .stack_size(STACK_SIZE)
-        .thread_name(|i| format!("lumel-{i}"))
-        .build()
-        .map_err(|e| Error::invalid("--threads", e))?;
-    let result = pool.install(|| job(scene, &folder, &settings, console));
     // A stage that fails isn't said to be done: the error takes its place.
-    let report = result?;
+    let report = workers(&settings)?.install(|| job(scene, &folder, &settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
     console.done(&folder, &report.summary(), start.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// The threads that all work runs on.
+///
+/// # Errors
+/// `Invalid` where the system refuses them.
+pub fn workers(settings: &Settings) -> Result<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(settings.threads.unwrap_or(0))
+        .stack_size(STACK_SIZE)
+        .thread_name(|i| format!("lumel-{i}"))
+        .build()
+        .map_err(|e| Error::invalid("--threads", e))
 }

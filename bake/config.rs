@@ -3,7 +3,7 @@
 //! Layers are merged as TOML tables and read by serde once, so that an absent flag never overrides a key, and the file and
 //! the command line share one list of names and values.
 
-use super::args::{BakeArgs, InspectArgs, SceneArgs, UnwrapArgs};
+use super::args::{BakeArgs, FormFactorArgs, InspectArgs, SceneArgs, UnwrapArgs};
 use super::failure::Failure;
 use lumel::settings::Settings;
 use lumel::{Error, Result};
@@ -77,6 +77,26 @@ impl Typed for InspectArgs {
     }
     fn table(&self) -> Result<Table> {
         Ok([table(&self.scene)?, table(&self.texels)?].into_iter().flatten().collect())
+    }
+}
+
+impl Typed for FormFactorArgs {
+    fn scene(&self) -> &SceneArgs {
+        &self.scene
+    }
+    fn table(&self) -> Result<Table> {
+        // A file that says how a bake solves its light says nothing against finding form factors.
+        let solver = [("method", "radiosity"), ("solver", "auto")];
+        let solver = solver.map(|(key, value)| (key.to_string(), Value::from(value)));
+        let groups = [
+            solver.into_iter().collect(),
+            table(&self.scene)?,
+            table(&self.factors)?,
+            table(&self.texels)?,
+            table(&self.uvs)?,
+            table(&self.running)?,
+        ];
+        Ok(groups.into_iter().flatten().collect())
     }
 }
 
@@ -215,9 +235,9 @@ mod tests {
                     --quantity irradiance --float --max-bounces 4 --samples 64 --seed 5 --threads 2 --sky 1,2,0.1 \
                     --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --link-error 1e-6 --iterations 7 --overshoot=false --ambient --gather none --layers direct,bounces --watch w \
-                    --watch-every 3 --method radiosity";
+                    --watch-every 3";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
-        keys.extend(typed("--density 2 --page-size 512 --environment e.hdr").keys().cloned());
+        keys.extend(typed("--density 2 --page-size 512 --environment e.hdr --method path").keys().cloned());
         keys.sort();
         // Not through TOML: it has no null for a value that is absent.
         let all = serde_json::to_value(Settings::default()).unwrap();

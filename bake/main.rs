@@ -1,7 +1,7 @@
 //! The command `lumel`: arguments to settings, the library, and back to an exit code.
 //!
 //! Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted. Results go to files, or to stdout where the command prints
-//! something (`inspect`, `compare`, `completions`); progress, warnings and errors go to stderr.
+//! something (`inspect`, `form-factors`, `compare`, `completions`); progress, warnings and errors go to stderr.
 
 mod args;
 mod bake;
@@ -10,6 +10,7 @@ mod config;
 mod console;
 mod destination;
 mod failure;
+mod form_factors;
 mod inspect;
 mod interrupt;
 mod log;
@@ -29,6 +30,7 @@ fn main() -> ExitCode {
             Command::Bake(a) => bake::bake(a, &console),
             Command::Unwrap(a) => bake::unwrap(a, &console),
             Command::Inspect(a) => inspect::inspect(a, &console),
+            Command::FormFactors(a) => form_factors::form_factors(a, &console),
             Command::Compare(a) => compare::compare(a),
             Command::Completions(a) => print::completions(a.shell),
         }

@@ -27,6 +27,7 @@ pub mod solve;
 pub mod trace;
 pub mod transport;
 pub mod unwrap;
+pub mod view_factors;
 pub mod write;
 
 pub use error::{Error, Result};

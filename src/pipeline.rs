@@ -11,7 +11,8 @@ use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Environment;
 use crate::settings::{Method, RESIDUAL, Settings};
 use crate::unwrap::{self, Atlas};
-use crate::write::{Baked, output::Staging};
+use crate::view_factors::{Figures, view_factors};
+use crate::write::{self, Baked, output::Staging, view_factors::refuse_other};
 use std::path::Path;
 
 pub use crate::report::Report;
@@ -85,6 +86,49 @@ pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn P
     let (mut report, loaded) = open(scene, folder, settings, &clock)?;
     let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
     finish(&loaded, &atlas, None, folder, settings, &clock, report)
+}
+
+/// Finds the form factors of the scene file `scene` and writes them to the file `output`.
+///
+/// # Errors
+/// Those of the stages; `Invalid` where `output` is one of the inputs, or holds something else that isn't to be overwritten.
+pub fn form_factors(scene: &Path, output: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Figures> {
+    settings.check()?;
+    let params = settings.view_factor_params()?;
+    refuse_input(output, scene)?;
+    refuse_other(output, scene, settings.overwrite)?;
+    let file = output.file_name().ok_or_else(|| Error::invalid(output.display(), "is no file; give one with -o"))?;
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Error::invalid(folder.display(), "is no folder; make it first, or give another file with -o"));
+    }
+    progress.begin("load", 0);
+    let loaded = load::load(scene)?;
+    loaded.inputs.iter().try_for_each(|input| refuse_input(output, input))?;
+    // A folder that can't be written is found out now, not after hours of work.
+    Staging::new(folder)?;
+    let (atlas, of_atlas) = unwrap::unwrap(&loaded.scene, &settings.unwrap_params(), progress)?;
+    let found = view_factors(&loaded.scene, &atlas, &params, progress)?;
+    progress.begin("write", 0);
+    let mut staging = Staging::new(folder)?;
+    write::view_factors::write(&staging.path(file)?, scene, &found)?;
+    progress.check()?;
+    staging.commit()?;
+    let mut figures = found.figures();
+    let mut warnings = loaded.warnings;
+    warnings.extend(of_atlas);
+    warnings.extend(std::mem::take(&mut figures.warnings));
+    Ok(Figures { warnings, ..figures })
+}
+
+/// Refuses an output that is one of the inputs, whatever its name.
+fn refuse_input(output: &Path, input: &Path) -> Result<()> {
+    match (output.canonicalize(), input.canonicalize()) {
+        (Ok(a), Ok(b)) if a == b => {
+            Err(Error::invalid(input.display(), "would be replaced by the result; give another file with -o"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Checks the settings, reads the scene and adds the sky that the settings ask for.

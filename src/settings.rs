@@ -9,6 +9,7 @@ use crate::solve::{SolveParams, Solver, full_matrix};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, UnwrapParams, UvMode};
+use crate::view_factors::{self, ViewFactorParams};
 use crate::write::{BakedLights, GltfProfile};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -186,6 +187,16 @@ impl Quality {
             Self::Medium => 256,
             Self::High => 1024,
             Self::Production => 4096,
+        }
+    }
+
+    /// Form factors for themselves: elements, relative standard error, rays that probe each element, hemicubes on each.
+    fn view_factors(self) -> (usize, f32, u32, u32) {
+        match self {
+            Self::Draft => (128, 0.05, 1 << 11, 16),
+            Self::Medium => (256, 0.02, 1 << 13, 32),
+            Self::High => (512, 0.005, 1 << 14, 64),
+            Self::Production => (1024, 0.002, 1 << 16, 256),
         }
     }
 
@@ -387,6 +398,19 @@ impl Settings {
             ambient: self.ambient,
             bounces: if self.layers.contains(&LayerKind::Bounces) { MOST_BOUNCE_LAYERS } else { 0 },
         }
+    }
+
+    /// The parameters of form factors that are wanted for themselves.
+    ///
+    /// # Errors
+    /// `Invalid` where there would be more elements than a matrix may have.
+    pub fn view_factor_params(&self) -> Result<ViewFactorParams> {
+        let (elements, relative_error, probe_rays, points) = self.quality.view_factors();
+        let elements = self.elements.unwrap_or(elements);
+        view_factors::refuse_too_many(elements)?;
+        let hemicube = HemicubeParams { resolution: self.hemicube.unwrap_or(HEMICUBE), points, rotate: true };
+        let (method, direct, seed) = (self.form_factors, self.direct_params(), self.seed);
+        Ok(ViewFactorParams { method, elements, relative_error, hemicube, probe_rays, direct, seed })
     }
 
     /// The final gather's parameters.

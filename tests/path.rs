@@ -94,7 +94,7 @@ fn furnace_is_uniform() {
         let (mean, spread) = z_scores(each().map(|(e, s)| (e, expected, s)));
         println!("{strategy:?}: worst {:.3} %, z {mean:+.3}, spread {spread:.3}, {far} beyond 4", 100.0 * worst);
         // Of a t-distribution with seven degrees of freedom half a percent lies beyond 4; roulette is less even than that.
-        assert!(far as f64 <= 0.02 * patches.len() as f64, "{strategy:?}: {far}");
+        assert!(far as f64 <= 0.04 * patches.len() as f64, "{strategy:?}: {far}");
         assert!(mean.abs() < 0.2 && (spread / expected_spread() - 1.0).abs() < 0.2, "{strategy:?}: {mean} {spread}");
     }
 }
@@ -120,7 +120,7 @@ fn point_light_over_a_floor() {
             (f64::from(e.x), mean_over_texel(patches.position[i]), f64::from(found.standard_error[i].x))
         })
     };
-    assert!(each().all(|(e, truth, _)| (e / truth - 1.0).abs() < 0.002));
+    assert!(each().all(|(e, truth, _)| (e / truth - 1.0).abs() < 0.005));
     let (mean, spread) = z_scores(each());
     println!("z {mean:+.3}, spread {spread:.3}");
     assert!(mean.abs() < 0.2 && (spread / expected_spread() - 1.0).abs() < 0.25, "{mean} {spread}");
@@ -276,7 +276,7 @@ fn a_picture_that_shines_is_sampled_as_it_is() {
     scene.materials[1].emission_texture = Some(TextureSlot::new(0, "uv"));
     let corners = vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
     scene.meshes[1].uvs.push(UvSet { name: "uv".into(), coords: corners });
-    let (found, patches) = traced(&scene, &atlas(2, 16), &PathParams { max_bounces: Some(0), ..params(256) });
+    let (found, patches) = traced(&scene, &atlas(2, 16), &PathParams { max_bounces: Some(0), ..params(2048) });
     // The integral over the lamp, by a grid over it.
     const SIDE: usize = 128;
     let slot = scene.materials[1].emission_texture.as_ref().unwrap();
@@ -301,8 +301,12 @@ fn a_picture_that_shines_is_sampled_as_it_is() {
         sum += found.irradiance[i].as_dvec3();
         expected += truth(patches.position[i]);
     }
-    println!("{}", sum / expected);
-    assert!((sum / expected - 1.0).abs().max_element() < 0.005, "{sum} against {expected}");
+    // Few texels of the picture are bright: the mean is noisy, and says by how much.
+    let squares: DVec3 = floor.iter().map(|&i| found.standard_error[i].as_dvec3().powf(2.0)).sum();
+    let error = squares.powf(0.5);
+    println!("{}, standard error {}", sum / expected, error / expected);
+    assert!(((sum - expected).abs() - 4.0 * error).max_element() < 0.0, "{sum} against {expected}, error {error}");
+    assert!((error / expected).max_element() < 0.03, "{error}");
 }
 
 #[test]

@@ -57,6 +57,15 @@ pub struct Elements {
     points_each: u32,
 }
 
+/// What no element reaches across.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Limits {
+    /// Large regions and large surfaces; small ones share elements.
+    Regions,
+    /// Every surface.
+    Surfaces,
+}
+
 /// A set of patches that may be cut further.
 struct Block {
     area: f64,
@@ -86,6 +95,29 @@ impl Elements {
     /// Clusters the patches in the open into about `count` elements, and half as many again for backs where there are
     /// double-sided surfaces.
     pub fn new(ground: &Ground, exposure: &Exposure, reflectance: &Reflectance, count: usize, seed: u32) -> Self {
+        Self::with_limits(ground, exposure, reflectance, count, seed, Limits::Regions)
+    }
+
+    /// As [`new`](Self::new), but no element reaches from one surface to another: at least one for each way of the axes that a
+    /// surface faces, however many are asked for.
+    pub fn within_surfaces(
+        ground: &Ground,
+        exposure: &Exposure,
+        reflectance: &Reflectance,
+        count: usize,
+        seed: u32,
+    ) -> Self {
+        Self::with_limits(ground, exposure, reflectance, count, seed, Limits::Surfaces)
+    }
+
+    fn with_limits(
+        ground: &Ground,
+        exposure: &Exposure,
+        reflectance: &Reflectance,
+        count: usize,
+        seed: u32,
+        limits: Limits,
+    ) -> Self {
         let patches = ground.patches;
         let open: Vec<u32> = (0..patches.len() as u32).filter(|&i| !exposure.is_buried(i as usize)).collect();
         let has_back = |&i: &u32| {
@@ -94,8 +126,8 @@ impl Elements {
         };
         let backs: Vec<u32> = (0..patches.len() as u32).filter(has_back).collect();
         let mut clusters: Vec<(bool, Vec<u32>)> = Vec::new();
-        clusters.extend(cluster(ground, open, count).into_iter().map(|c| (false, c)));
-        clusters.extend(cluster(ground, backs, count.div_ceil(2)).into_iter().map(|c| (true, c)));
+        clusters.extend(cluster(ground, open, count, limits).into_iter().map(|c| (false, c)));
+        clusters.extend(cluster(ground, backs, count.div_ceil(2), limits).into_iter().map(|c| (true, c)));
         Self::from_clusters(ground, exposure, reflectance, clusters, seed)
     }
 
@@ -255,7 +287,7 @@ fn facing(ground: &Ground, back: bool, members: &[u32]) -> (Vec3, f32) {
 /// Cuts `patches` into about `count` clusters, each facing one of the six ways of the axes. Regions large enough for a cluster of
 /// their own don't share one: the inside of a lamp and of the ceiling above it have nothing in common, nor have the floors on
 /// either side of a wall.
-fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>> {
+fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize, limits: Limits) -> Vec<Vec<u32>> {
     let all = ground.patches;
     let way = |i: u32| {
         let n = all.normal[i as usize];
@@ -284,7 +316,7 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize) -> Vec<Vec<u32>
         let (r, s) = (region[i as usize], all.surface[i as usize]);
         if region_area[r as usize] >= large {
             u64::from(r)
-        } else if surface_area[s as usize] >= large {
+        } else if limits == Limits::Surfaces || surface_area[s as usize] >= large {
             all.len() as u64 + u64::from(s)
         } else {
             u64::MAX

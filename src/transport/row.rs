@@ -45,6 +45,16 @@ pub struct Row {
     pub scale: f32,
 }
 
+/// What a row that adds up to `sum` is multiplied by, where a share `landed` of the element's probe rays landed.
+pub fn closure(method: Method, sum: f64, landed: impl FnOnce() -> f32) -> f64 {
+    match method {
+        Method::Area if sum > 0.0 => f64::from(landed()) / sum,
+        // It knows no occluders: what stands in front of something else must not make light.
+        Method::Analytic if sum > 1.0 => 1.0 / sum,
+        _ => 1.0,
+    }
+}
+
 impl Row {
     /// The form factor to element `j`.
     pub fn to(&self, j: usize) -> f32 {
@@ -155,12 +165,7 @@ impl<'a> Rows<'a> {
 
     fn scaled(&self, i: usize, links: Vec<(u32, f32)>) -> Row {
         let sum: f64 = links.iter().map(|l| f64::from(l.1)).sum();
-        let scale = match self.params.method {
-            Method::Area if sum > 0.0 => f64::from(self.probes.of(i).landed_share) / sum,
-            // It knows no occluders: what stands in front of something else must not make light.
-            Method::Analytic if sum > 1.0 => 1.0 / sum,
-            _ => 1.0,
-        };
+        let scale = closure(self.params.method, sum, || self.probes.of(i).landed_share);
         Row { links, scale: scale as f32 }
     }
 

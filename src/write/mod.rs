@@ -1,10 +1,12 @@
-//! Results to files: EXR pages, GLBs, a USD layer. Each file is complete or absent.
+//! Results to files: EXR pages, GLBs, a USD layer, NPZ. Each file is complete or absent.
 
 pub mod dump;
 pub mod exr;
 pub mod gltf;
+pub mod npz;
 pub mod output;
 pub mod usd;
+pub mod view_factors;
 pub mod watch;
 
 use crate::load::Source;
