@@ -307,10 +307,10 @@ pub struct EffortArgs {
     /// reference for the other [default: radiosity]
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path"]))]
     pub method: Option<String>,
-    /// Interreflections counted; 0: direct light only [0..1000; default: until the solution has converged]
+    /// Interreflections counted; 0: direct light only [0..100; default: until the solution has converged]
     #[arg(long, value_name = "N")]
     pub max_bounces: Option<u32>,
-    /// Final gather rays, or paths, for each texel [1..65536; default: by --quality]
+    /// Final gather rays, or paths, for each texel [2..65536, paths 8..65536; default: by --quality]
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
     /// Seed of the random numbers; equal seeds give equal bytes [default: 0]

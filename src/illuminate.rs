@@ -96,8 +96,8 @@ fn radiosity(
 
     let params = settings.solve_params(elements.len());
     let probes = Probes::new(elements, *lit, params.transport.probe_rays);
-    let mut pages = settings.watch.as_deref().map(|folder| WatchFolder::new(folder, lit, &direct, settings.quantity));
-    let mut show = |iteration: u64, received: &[Rgb]| match &mut pages {
+    let pages = settings.watch.as_deref().map(|folder| WatchFolder::new(folder, lit, &direct, settings.quantity));
+    let mut show = |iteration: u64, received: &[Rgb]| match &pages {
         Some(pages) => pages.show(iteration, lit, |i| direct.shown[i] + elements.read(received, i)),
         None => Ok(()),
     };

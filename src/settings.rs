@@ -1,11 +1,12 @@
 //! What a bake is asked to do, and the presets behind it.
 
-use crate::error::{Error, Result};
+mod check;
+
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::post::{LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
-use crate::solve::{SolveParams, Solver, full_matrix};
+use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, UnwrapParams, UvMode};
@@ -212,121 +213,6 @@ impl Quality {
 }
 
 impl Settings {
-    /// Refuses values out of range before any work begins.
-    ///
-    /// # Errors
-    /// `Invalid`, naming the setting and its range.
-    pub fn check(&self) -> Result<()> {
-        fn within<T: PartialOrd + std::fmt::Display>(name: &str, value: Option<T>, low: T, high: T) -> Result<()> {
-            match value {
-                Some(v) if v < low || v > high || v.partial_cmp(&low).is_none() => {
-                    Err(Error::invalid(name, format!("{v} is out of range; allowed are {low} to {high}")))
-                }
-                _ => Ok(()),
-            }
-        }
-        within("resolution", self.resolution, 16, 16384)?;
-        within("density", self.density, 1e-4, 1e5)?;
-        within("page-size", self.page_size, 16, 16384)?;
-        within("max-pages", self.max_pages, 1, 1024)?;
-        within("padding", self.padding, 1, 64)?;
-        within("max-bounces", self.max_bounces, 0, 100)?;
-        within("samples", self.samples, 1, 65536)?;
-        within("threads", self.threads, 1, 1024)?;
-        within("elements", self.elements, 1, MOST_ELEMENTS)?;
-        within("hemicube", self.hemicube, 8, 1024)?;
-        if self.hemicube.is_some_and(|cells| cells % 2 != 0) {
-            return Err(Error::invalid("hemicube", "the number of cells must be even: 8, 10, ... 1024"));
-        }
-        within("link-error", self.link_error, 1e-12, 1e-2)?;
-        within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
-        within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
-        self.check_solver()?;
-        if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
-            return Err(Error::invalid("resolution", "chooses the density by itself; leave out density and page-size"));
-        }
-        if self.sky.is_some() && self.environment.is_some() {
-            return Err(Error::invalid("sky", "is given together with environment; leave one out"));
-        }
-        if let Some(sky) = self.sky
-            && sky.iter().any(|v| !v.is_finite() || *v < 0.0)
-        {
-            return Err(Error::invalid("sky", "radiance must be finite and not negative [nit]"));
-        }
-        Ok(())
-    }
-
-    /// A setting that says something about the solver, where one is given.
-    fn solver_setting(&self) -> Option<&'static str> {
-        let given = [
-            ("solver", self.solver != Solver::Auto),
-            ("form-factors", self.form_factors != FormFactors::Area),
-            ("hemicube", self.hemicube.is_some()),
-            ("link-error", self.link_error.is_some()),
-            ("iterations", self.iterations.is_some()),
-            ("overshoot", self.overshoot),
-            ("ambient", self.ambient),
-            ("gather", self.gather != Gather::Final),
-        ];
-        given.into_iter().find(|g| g.1).map(|g| g.0)
-    }
-
-    /// Refuses what the solver can't do.
-    fn check_solver(&self) -> Result<()> {
-        let refuse = |setting: &str, message: &str| Err(Error::invalid(setting, message));
-        if self.method == Method::Path {
-            if self.layers.contains(&LayerKind::Bounces) {
-                return refuse("layers", "paths don't tell bounces apart; leave out bounces, or the method path");
-            }
-            if self.watch.is_some() {
-                return refuse("watch", "paths have no solution that grows; leave it out, or the method path");
-            }
-            return match self.solver_setting() {
-                Some(setting) => refuse(setting, "is for the method radiosity; leave it out, or the method path"),
-                None => Ok(()),
-            };
-        }
-        let is_progressive = matches!(self.solver, Solver::Auto | Solver::Progressive);
-        match self.solver {
-            Solver::FullMatrix => {
-                full_matrix::refuse_too_many(self.element_count())?;
-                if self.iterations.is_some() {
-                    return refuse("iterations", "full-matrix solves at once; choose another solver");
-                }
-                if self.watch.is_some() {
-                    return refuse(
-                        "watch",
-                        "full-matrix solves at once, there is nothing to watch; choose another solver",
-                    );
-                }
-            }
-            _ if self.overshoot && !is_progressive => return refuse("overshoot", "only progressive shoots"),
-            _ if self.ambient && !is_progressive => return refuse("ambient", "only progressive has unshot light"),
-            _ => {}
-        }
-        if self.solver == Solver::Hierarchical && self.form_factors != FormFactors::Area {
-            return refuse("form-factors", "links of the hierarchical solver are found by area sampling; leave it out");
-        }
-        if self.hemicube.is_some() && self.form_factors != FormFactors::Hemicube {
-            return refuse("hemicube", "is the resolution for form-factors hemicube, which is not chosen");
-        }
-        if self.max_bounces.is_some() {
-            if matches!(self.solver, Solver::FullMatrix | Solver::GaussSeidel) {
-                return refuse(
-                    "max-bounces",
-                    "this solver doesn't tell bounces apart; choose jacobi, progressive or hierarchical",
-                );
-            }
-            if self.overshoot {
-                return refuse("max-bounces", "overshooting mixes the bounces; leave out overshoot");
-            }
-        }
-        if self.watch_every.is_some() && self.watch.is_none() {
-            return refuse("watch-every", "says how often to write into the folder of watch, which is not given");
-        }
-        Ok(())
-    }
-
     /// The unwrap stage's parameters.
     pub fn unwrap_params(&self) -> UnwrapParams {
         let density = match (self.resolution, self.density) {
@@ -345,7 +231,7 @@ impl Settings {
     }
 
     fn gather_samples(&self) -> u32 {
-        self.samples.unwrap_or(self.quality.preset().gather_samples).max(2)
+        self.samples.unwrap_or(self.quality.preset().gather_samples)
     }
 
     /// The direct light stage's parameters.
@@ -376,7 +262,6 @@ impl Settings {
             floor: 4.0 / (elements as f32 * preset.elements as f32).sqrt(),
             first_samples: 4,
             most_samples: 256,
-            roulette: 0.0,
         };
         SolveParams {
             solver: self.solver,
@@ -390,7 +275,8 @@ impl Settings {
                 },
                 probe_rays: preset.probe_rays,
             },
-            max_bounces: self.max_bounces,
+            // A final gather adds the last bounce.
+            max_bounces: self.max_bounces.map(|k| if self.gather == Gather::Final { k.saturating_sub(1) } else { k }),
             iterations: self.iterations,
             residual: RESIDUAL,
             link_error: self.link_error.unwrap_or(preset.link_error),
@@ -404,7 +290,7 @@ impl Settings {
     ///
     /// # Errors
     /// `Invalid` where there would be more elements than a matrix may have.
-    pub fn view_factor_params(&self) -> Result<ViewFactorParams> {
+    pub fn view_factor_params(&self) -> crate::Result<ViewFactorParams> {
         let (elements, relative_error, probe_rays, points) = self.quality.view_factors();
         let elements = self.elements.unwrap_or(elements);
         view_factors::refuse_too_many(elements)?;
@@ -421,7 +307,7 @@ impl Settings {
     /// The path tracer's parameters.
     pub fn path_params(&self) -> PathParams {
         PathParams {
-            samples: self.samples.unwrap_or(self.quality.path_samples()).max(2),
+            samples: self.samples.unwrap_or(self.quality.path_samples()),
             max_bounces: self.max_bounces,
             shading_normals: self.normals == Normals::Shading,
             strategy: Strategy::Combined,

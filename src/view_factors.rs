@@ -231,7 +231,6 @@ fn matrix(
         floor: 1.0 / n as f32,
         first_samples: FIRST_SAMPLES,
         most_samples: MOST_SAMPLES,
-        roulette: 0.0,
     };
     let exact = Effort { relative_error: QUADRATURE * params.relative_error, ..effort };
     // Both find A_i F_ij once for i and j.

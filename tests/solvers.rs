@@ -4,8 +4,8 @@ mod support;
 
 use lumel::color::{Rgb, luminance};
 use lumel::illuminate::Illuminated;
-use lumel::post::LayerKind;
-use lumel::settings::{Gather, Quality, Settings};
+use lumel::post::{LayerKind, Quantity};
+use lumel::settings::{Gather, Method, Quality, Settings};
 use lumel::solve::Solver;
 use lumel::transport::Method as FormFactors;
 use std::f32::consts::PI;
@@ -61,7 +61,7 @@ fn all_solvers_agree_with_the_full_matrix() {
     let d = difference(&hierarchical, &truth);
     println!("hierarchical: {:.3} %, stated {:.3} %", 100.0 * d, 100.0 * stated);
     assert!(d < stated, "{d} is more than the {stated} that it states");
-    assert!(stated < 0.1);
+    assert!(stated < 0.03, "{stated}");
 }
 
 #[test]
@@ -120,7 +120,8 @@ fn form_factors_that_see_occluders_give_one_answer() {
     // Blind to the block: it says so, and the light does not grow without end.
     let blind = run(FormFactors::Analytic);
     assert!(blind.solution.blocked_share > 0.05);
-    assert!(difference(&blind, &area) < 1.0);
+    // A quarter of the ways are blocked; light that goes through them brightens what lay in the shade, no more.
+    assert!((1.0..1.2).contains(&(total(&blind) / total(&area))), "{}", total(&blind) / total(&area));
     let open: Vec<Quad> = room([3., 3., 3.]).into_iter().map(|q| q.emission(1.0)).collect();
     let open = bake_quads(&open, 16, &Settings { form_factors: FormFactors::Analytic, ..draft() });
     assert_eq!(open.solution.blocked_share, 0.0);
@@ -131,18 +132,33 @@ fn a_sweep_of_jacobi_is_a_bounce() {
     let base = Settings { solver: Solver::Jacobi, gather: Gather::None, ..draft() };
     let run = |settings: &Settings| bake_quads(&room_with_a_block(), 16, settings);
     for k in [1u32, 2, 5] {
-        // With a gather, k bounces are k - 1 between elements; here the elements are all there is.
         let sweeps = run(&Settings { iterations: Some(u64::from(k)), ..base.clone() });
-        let bounces = run(&Settings { max_bounces: Some(k + 1), ..base.clone() });
+        let bounces = run(&Settings { max_bounces: Some(k), ..base.clone() });
         assert_eq!(sweeps.solution.irradiance, bounces.solution.irradiance);
         assert_eq!(sweeps.solution.exchange.iterations, u64::from(k));
-        let shot =
-            run(&Settings { solver: Solver::Progressive, ..Settings { max_bounces: Some(k + 1), ..base.clone() } });
+        let shot = run(&Settings { solver: Solver::Progressive, ..Settings { max_bounces: Some(k), ..base.clone() } });
         // Columns have the noise of single form factors; the whole has not.
         let d = difference(&shot, &bounces);
         assert!(d < 0.05, "{k} bounces by shooting differ by {d}");
         let (a, b) = (total(&shot), total(&bounces));
         assert!((a / b - 1.0).abs() < 0.005, "{k} bounces by shooting are {a}, not {b}");
+    }
+}
+
+#[test]
+fn bounces_are_counted_alike_with_and_without_a_gather() {
+    let run = |max_bounces, gather| {
+        let settings = Settings { max_bounces: Some(max_bounces), gather, elements: Some(1 << 20), ..draft() };
+        let baked = bake_quads(&room_with_a_block(), 12, &Settings { solver: Solver::Jacobi, ..settings });
+        let area = |i: usize| f64::from(baked.exposure.area[i]);
+        (0..baked.patches.len()).map(|i| area(i) * f64::from(luminance(baked.gathered.irradiance[i]))).sum::<f64>()
+    };
+    let mut last = 0.0;
+    for bounces in [0, 1, 2, 4] {
+        let (a, b) = (run(bounces, Gather::Final), run(bounces, Gather::None));
+        assert!((a / b - 1.0).abs() < 0.01, "{bounces}: {a} with, {b} without");
+        assert!(a > 1.02 * last, "{bounces}: {a} after {last}");
+        last = a;
     }
 }
 
@@ -178,9 +194,14 @@ fn the_ambient_term_and_overshooting_bring_early_solutions_nearer() {
 
 #[test]
 fn layers_of_bounces_add_up_to_the_page() {
-    for solver in [Solver::Progressive, Solver::Hierarchical] {
+    for (solver, quantity) in [
+        (Solver::Progressive, Quantity::Outgoing),
+        (Solver::Hierarchical, Quantity::Irradiance),
+        (Solver::Jacobi, Quantity::Radiosity),
+    ] {
         let settings = Settings {
             solver,
+            quantity,
             layers: vec![LayerKind::Bounces, LayerKind::Direct, LayerKind::Indirect],
             float: true,
             ..draft()
@@ -188,12 +209,14 @@ fn layers_of_bounces_add_up_to_the_page() {
         let baked = bake_quads(&room_with_a_block(), 16, &settings);
         let layers = &baked.lightmap.layers;
         let of = |name: &str| &layers.iter().find(|l| l.name == name).unwrap_or_else(|| panic!("{name}")).pages[0];
-        let is_bounce = |name: &str| name.starts_with("bounce") || name == "rest";
+        let is_shown = quantity == Quantity::Radiosity;
+        let is_bounce = |name: &str| name.starts_with("bounce") || name == "rest" || (is_shown && name == "emitted");
+        let emitted = |t: usize| if is_shown { of("emitted")[t] } else { Rgb::ZERO };
         for (t, whole) in baked.lightmap.pages[0].rgb.iter().enumerate() {
             let sum: Rgb = layers.iter().filter(|l| is_bounce(&l.name)).map(|l| l.pages[0][t]).sum();
             let tolerance = 1e-4 * whole.max_element().max(0.1);
             assert!((sum - *whole).abs().max_element() < tolerance, "{sum} against {whole}");
-            assert!((of("direct")[t] + of("indirect")[t] - *whole).abs().max_element() < tolerance);
+            assert!((emitted(t) + of("direct")[t] + of("indirect")[t] - *whole).abs().max_element() < tolerance);
         }
         assert_eq!(of("bounce0"), of("direct"));
         // Each bounce carries less than the one before.
@@ -211,6 +234,10 @@ fn many_elements_go_to_the_hierarchy_by_themselves() {
         |elements| bake_quads(&quads, 48, &Settings { elements, gather: Gather::None, ..draft() }).solution.solver;
     assert_eq!(run(None), Solver::Progressive);
     assert_eq!(run(Some(usize::MAX >> 44)), Solver::Hierarchical);
+    // What only rows have keeps them.
+    let rows =
+        Settings { form_factors: FormFactors::Hemisphere, elements: Some(1 << 20), iterations: Some(2), ..draft() };
+    assert_eq!(bake_quads(&quads, 48, &rows).solution.solver, Solver::Progressive);
 }
 
 #[test]
@@ -225,7 +252,7 @@ fn bad_settings_are_refused_with_what_is_allowed() {
         (Settings { max_bounces: Some(3), ..full.clone() }, "max-bounces"),
         (Settings { elements: Some(0), ..base.clone() }, "1 to"),
         (Settings { iterations: Some(0), ..base.clone() }, "1 to"),
-        (Settings { samples: Some(0), ..base.clone() }, "1 to 65536"),
+        (Settings { samples: Some(0), ..base.clone() }, "2 to 65536"),
         (Settings { density: Some(-1.0), ..base.clone() }, "allowed are"),
         (Settings { hemicube: Some(9), form_factors: FormFactors::Hemicube, ..base.clone() }, "even"),
         (Settings { hemicube: Some(64), ..base.clone() }, "hemicube"),
@@ -233,6 +260,13 @@ fn bad_settings_are_refused_with_what_is_allowed() {
         (Settings { solver: Solver::Jacobi, ambient: true, ..base.clone() }, "ambient"),
         (Settings { solver: Solver::Jacobi, overshoot: true, ..base.clone() }, "overshoot"),
         (Settings { watch_every: Some(3), ..base.clone() }, "watch"),
+        (Settings { ambient: true, ..base.clone() }, "iterations"),
+        (Settings { link_error: Some(1e-4), ..base.clone() }, "hierarchical"),
+        (Settings { layers: vec![LayerKind::Direct; 2], ..base.clone() }, "twice"),
+        (Settings { layers: vec![LayerKind::Error], gather: Gather::None, ..base.clone() }, "error"),
+        (Settings { layers: vec![LayerKind::Bounces], iterations: Some(3), ..base.clone() }, "iterations"),
+        (Settings { method: Method::Path, gather: Gather::None, ..base.clone() }, "radiosity"),
+        (Settings { method: Method::Path, samples: Some(4), ..base.clone() }, "8 to 65536"),
     ] {
         let e = complaint(settings);
         assert!(e.contains(said), "{e:?} does not say {said:?}");
@@ -274,12 +308,14 @@ fn a_sphere_from_inside_is_known_exactly() {
 }
 
 #[test]
-fn the_hierarchy_gives_the_same_bits_for_one_and_two_threads() {
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let settings = Settings { solver: Solver::Hierarchical, elements: Some(2000), gather: Gather::None, ..draft() };
-        pool.install(|| bake_quads(&room_with_a_block(), 24, &settings)).solution.irradiance
-    };
-    let bits = |values: Vec<Rgb>| -> Vec<[u32; 3]> { values.iter().map(|v| v.to_array().map(f32::to_bits)).collect() };
-    assert_eq!(bits(run(1)), bits(run(2)));
+fn every_solver_gives_the_same_bits_for_one_and_two_threads() {
+    for solver in SOLVERS {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let settings = Settings { solver, elements: Some(600), gather: Gather::None, ..draft() };
+            let values = pool.install(|| bake_quads(&room_with_a_block(), 24, &settings)).solution.irradiance;
+            values.iter().map(|v| v.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+        };
+        assert_eq!(run(1), run(2), "{}", solver.name());
+    }
 }

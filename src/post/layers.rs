@@ -1,5 +1,6 @@
 //! Parts of the light as layers of their own. Those of bounces are the terms of the Neumann series L_e, K L_e, K^2 L_e, ...
-//! of the rendering equation, the last with all that follow; without `emitted` they add up to the page.
+//! of the rendering equation, the last with all that follow. They add up to the page, `emitted` included where the quantity is
+//! radiosity, and without it where it is not.
 
 use super::dilate::fill;
 use super::{Layer, LayerKind, Quantity};

@@ -31,7 +31,7 @@ pub const BATCHES: u32 = 8;
 /// How paths are traced.
 #[derive(Clone, Debug)]
 pub struct PathParams {
-    /// Paths a texel, 2..=65536; rounded up to whole batches. Powers of two are the most even.
+    /// Paths a texel, [`BATCHES`]..=65536; rounded up to whole batches. Powers of two are the most even.
     pub samples: u32,
     /// Reflections counted, 0: direct light only. None: all, paths being ended by Russian roulette.
     pub max_bounces: Option<u32>,
@@ -189,9 +189,8 @@ fn in_batches(
     start: impl Fn(u32, [f32; 2]) -> SurfacePoint,
     progress: &dyn Progress,
 ) -> Result<Vec<Found>> {
-    let batches = BATCHES.min(samples.max(2));
-    let count = samples.div_ceil(batches);
-    (0..batches)
+    let count = samples.div_ceil(BATCHES);
+    (0..BATCHES)
         .map(|batch| {
             progress.check()?;
             let key = Key { stage, receiver: u64::from(BATCHES) * receiver as u64 + u64::from(batch) };

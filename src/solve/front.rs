@@ -1,26 +1,20 @@
 //! From direct light to the light between elements: what they send first, the solver that was asked for, and its result.
 
 use super::system::{System, Watch};
-use super::{Solution, SolveParams, Solver, full_matrix, hierarchical, progressive, sweep};
+use super::{Solution, SolveParams, Solver, bounces, full_matrix, hierarchical, progressive, sweep};
 use crate::Result;
 use crate::color::Rgb;
 use crate::light::direct::{Arriving, DirectParams, Receiver, arrive};
 use crate::light::{Direct, Lit};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
-use crate::trace::Segment;
+use crate::transport::analytic;
 use crate::transport::tree::Tree;
 use crate::transport::{Elements, Exchanger, Method, Probes, Rows};
 use rayon::prelude::*;
 
 /// How often the direct light of a back is estimated: as an element is larger than a texel, so often more.
 const BACK_SAMPLES: usize = 8;
-
-/// The power of a bounce, relative to the first, below which bounces are no longer told apart.
-const LEAST_BOUNCE: f64 = 1e-3;
-
-/// Pairs of points that are looked at for occluders.
-const BLOCKED_SAMPLES: u32 = 1 << 14;
 
 /// Solves for the light on `elements`.
 ///
@@ -50,10 +44,11 @@ pub fn solve(
     let (every, show) = watch.map(|w| (w.every, w.show)).unzip();
     let mut show = show.map(|show| |iteration: u64, received: &[Rgb]| show(iteration, &irradiance(received)));
     let watch = show.as_mut().map(|show| Watch { every: every.flatten(), show });
+    // Links borrow the tree; both live until the bounces are told apart.
     let mut tree = None;
     let mut rows = Rows::new(elements, lit.ground, probes, params.transport.clone());
     let system = System { elements, start: &start };
-    let solver = params.solver.choose(elements.len());
+    let solver = params.solver.choose(elements.len(), params.needs_rows());
     let mut links = None;
     let exchange = match solver {
         Solver::FullMatrix => full_matrix::solve(&system, &mut rows, progress)?,
@@ -71,7 +66,7 @@ pub fn solve(
         Some(links) => links,
         None => &mut rows,
     };
-    let bounces = bounces(&system, exchanger, &exchange.received, params, progress)?;
+    let bounces = bounces::split(&system, exchanger, &exchange.received, params, progress)?;
     let segments = links.as_ref().map_or(rows.segments, |links| links.segments);
     let is_blind = params.transport.method == Method::Analytic && !elements.is_empty();
     let on_back = |e: usize| if elements.back[e] { probes.of(e).landed_share } else { 0.0 };
@@ -82,54 +77,10 @@ pub fn solve(
         solver,
         exchange,
         segments,
-        blocked_share: is_blind.then(|| blocked_share(elements, lit)).unwrap_or_default(),
+        blocked_share: if is_blind { analytic::blocked_share(elements, lit.ground) } else { 0.0 },
         inflow,
         rays: segments + probes.traced() + backs.iter().map(|b| b.rays).sum::<u64>(),
     })
-}
-
-/// `received` by how often its light was reflected: once, twice, ..., the last with all that follow; each by a sweep of gathering.
-fn bounces(
-    system: &System,
-    exchanger: &mut dyn Exchanger,
-    received: &[Rgb],
-    params: &SolveParams,
-    progress: &dyn Progress,
-) -> Result<Vec<Vec<Rgb>>> {
-    // The gather adds the last bounce.
-    let most = params.max_bounces.map_or(params.bounces, |k| params.bounces.min(k.saturating_sub(1) as usize));
-    let mut all: Vec<Vec<Rgb>> = Vec::new();
-    let mut rest = received.to_vec();
-    let mut sent = system.start.to_vec();
-    let first: f64 = system.power(&sent).iter().sum();
-    while all.len() + 1 < most && system.power(&sent).iter().sum::<f64>() > LEAST_BOUNCE * first {
-        let bounce = exchanger.gather(&sent, progress)?;
-        sent = bounce.iter().zip(&system.elements.albedo).map(|(e, rho)| *e * *rho).collect();
-        rest.iter_mut().zip(&bounce).for_each(|(rest, e)| *rest -= *e);
-        all.push(bounce);
-    }
-    if most > 0 {
-        all.push(rest);
-    }
-    Ok(all)
-}
-
-/// The share of segments between elements that face each other that something blocks: what analytic form factors don't know.
-fn blocked_share(elements: &Elements, lit: &Lit) -> f64 {
-    let n = elements.len() as u32;
-    let pairs = Sequence::new(elements.seed, Stage::FormFactor, u64::MAX);
-    let segments: Vec<Segment> = (0..BLOCKED_SAMPLES)
-        .filter_map(|k| {
-            let [i, j] = [2 * k, 2 * k + 1].map(|salt| pairs.hash(salt) % n);
-            let (a, b) = (elements.kept_point(i as usize, k), elements.kept_point(j as usize, k));
-            let way = b.position - a.position;
-            let faces = i != j && way.dot(a.normal) > 0.0 && way.dot(b.normal) < 0.0;
-            faces.then_some(Segment { from: a.position, to: b.position })
-        })
-        .collect();
-    let mut blocked = vec![false; segments.len()];
-    lit.ground.tracer.occluded(&segments, &mut blocked);
-    blocked.iter().filter(|b| **b).count() as f64 / segments.len().max(1) as f64
 }
 
 /// Direct light on the elements that are backs, zero on the others.

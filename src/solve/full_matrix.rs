@@ -23,7 +23,7 @@ pub fn solve(system: &System, rows: &mut Rows, progress: &dyn Progress) -> Resul
         progress.check()?;
         let mut matrix = DMatrix::<f64>::identity(n, n);
         for i in 0..n {
-            let Some(row) = rows.kept(i) else { continue };
+            let row = rows.kept(i).expect("rows of so few elements are all kept");
             for &(j, f) in &row.links {
                 matrix[(i, j as usize)] -= f64::from(f) * f64::from(row.scale) * f64::from(albedo[j as usize][c]);
             }

@@ -2,6 +2,7 @@
 //!
 //! Light straight from emitters is in E0 already, so what elements exchange starts with the light it leaves behind: rho E0.
 
+pub mod bounces;
 pub mod convergence;
 pub mod front;
 pub mod full_matrix;
@@ -14,7 +15,7 @@ pub use front::solve;
 pub use system::{Exchange, LinkReport, Step, System, Watch};
 
 use crate::color::Rgb;
-use crate::transport::TransportParams;
+use crate::transport::{Method, TransportParams};
 
 /// How the system is solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -41,14 +42,22 @@ pub const MOST_FULL_MATRIX: usize = 5000;
 /// Elements up to which [`Solver::Auto`] shoots: beyond, links between clusters reach the same error sooner.
 const MOST_PROGRESSIVE: usize = 10_000;
 
+impl SolveParams {
+    /// True where something is asked for that only rows of form factors have.
+    fn needs_rows(&self) -> bool {
+        self.transport.method != Method::Area || self.overshoot || self.ambient
+    }
+}
+
 impl Solver {
-    /// The solver that stands for `self` with `elements` elements.
-    pub fn choose(self, elements: usize) -> Self {
+    /// The solver that stands for `self` with `elements` elements, where `rows` says that something is asked for that links of
+    /// the hierarchy don't have.
+    pub fn choose(self, elements: usize, rows: bool) -> Self {
         match self {
+            Self::Auto if elements > MOST_PROGRESSIVE && !rows => Self::Hierarchical,
+            Self::Auto => Self::Progressive,
             // A tree has at least one leaf.
             Self::Hierarchical if elements == 0 => Self::Progressive,
-            Self::Auto if elements > MOST_PROGRESSIVE => Self::Hierarchical,
-            Self::Auto => Self::Progressive,
             chosen => chosen,
         }
     }
@@ -71,7 +80,7 @@ impl Solver {
 pub struct SolveParams {
     pub solver: Solver,
     pub transport: TransportParams,
-    /// Interreflections in the final result: the gather adds the last of them, this stage those before. None: all.
+    /// Interreflections between elements. None: all.
     pub max_bounces: Option<u32>,
     /// Shots or sweeps after which to stop, converged or not. None: until converged.
     pub iterations: Option<u64>,

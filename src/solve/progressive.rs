@@ -99,8 +99,7 @@ struct Shooting<'a> {
 impl<'a> Shooting<'a> {
     fn new(elements: &'a Elements, start: &[Rgb], params: &SolveParams) -> Self {
         let n = elements.len();
-        // The gather is the last bounce, and reads rho E0 by itself: of k bounces k - 1 are shot.
-        let levels = params.max_bounces.map_or(1, |k| k.saturating_sub(1) as usize);
+        let levels = params.max_bounces.map_or(1, |k| k as usize);
         let mut unshot = vec![vec![Rgb::ZERO; n]; levels];
         if let Some(first) = unshot.first_mut() {
             first.copy_from_slice(start);

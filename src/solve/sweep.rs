@@ -62,7 +62,7 @@ fn sweeps(
     mut sweep: impl FnMut(&mut Vec<Rgb>, &mut Vec<Rgb>) -> Result<()>,
 ) -> Result<Exchange> {
     let groups = Groups::new(system.elements);
-    let bounces = params.max_bounces.map_or(u64::MAX, |k| u64::from(k.saturating_sub(1)));
+    let bounces = params.max_bounces.map_or(u64::MAX, u64::from);
     let most = params.iterations.unwrap_or(MOST_SWEEPS).min(bounces);
     let mut sent = system.start.to_vec();
     let mut change = system.power(&sent);

@@ -12,9 +12,15 @@
 use super::outline::{Outline, Polygon};
 use super::{Effort, Elements, FormFactor};
 use crate::contour::point_to_polygon_f64;
+use crate::patch::Ground;
+use crate::sample::sequence::{Sequence, Stage};
+use crate::trace::Segment;
 use glam::DVec3;
 use std::collections::BinaryHeap;
 use std::f64::consts::PI;
+
+/// Pairs of points that are looked at for occluders.
+const BLOCKED_SAMPLES: u32 = 1 << 14;
 
 /// A triangle of the outer element with its integral.
 struct Tile {
@@ -99,6 +105,24 @@ pub fn form_factor(
         }
     }
     FormFactor { value: sum * scale, error: error.max(0.0) * scale, samples: points }
+}
+
+/// The share of segments between elements that face each other that something blocks: what this method does not know.
+pub fn blocked_share(elements: &Elements, ground: &Ground) -> f64 {
+    let n = elements.len() as u32;
+    let pairs = Sequence::new(elements.seed, Stage::FormFactor, u64::MAX);
+    let segments: Vec<Segment> = (0..BLOCKED_SAMPLES)
+        .filter_map(|k| {
+            let [i, j] = [2 * k, 2 * k + 1].map(|salt| pairs.hash(salt) % n);
+            let (a, b) = (elements.kept_point(i as usize, k), elements.kept_point(j as usize, k));
+            let way = b.position - a.position;
+            let faces = i != j && way.dot(a.normal) > 0.0 && way.dot(b.normal) < 0.0;
+            faces.then_some(Segment { from: a.position, to: b.position })
+        })
+        .collect();
+    let mut blocked = vec![false; segments.len()];
+    ground.tracer.occluded(&segments, &mut blocked);
+    blocked.iter().filter(|b| **b).count() as f64 / segments.len().max(1) as f64
 }
 
 /// The share of the cosine-weighted hemisphere at `x` that the front of `polygon` covers. Its centre stands for all of it beyond

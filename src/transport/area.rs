@@ -1,8 +1,8 @@
 //! Monte Carlo area sampling of a form factor (Wallace, Elmquist, Haines 1989): points on both elements, the kernel between
 //! them, and a segment for visibility; doubled until the standard error is small enough.
 //!
-//! Samples whose kernel is small can't matter much: with a threshold ([`Effort::roulette`]) only some of their segments are
-//! traced, in proportion to the kernel, and count for as much more (Russian roulette; Arvo, Kirk 1990). The mean stays the same.
+//! Form factors too small to matter are looked at once ([`glance`]), and only at times, in proportion to their size: what is then
+//! seen counts for as much more (Russian roulette; Arvo, Kirk 1990). The mean stays the same.
 
 use super::batches::error_of_mean;
 use super::{Effort, Elements, FormFactor};
@@ -17,9 +17,6 @@ use std::f64::consts::PI;
 pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
     let (low, high) = (i.min(j), i.max(j));
     let area = f64::from(elements.area[j]);
-    // In terms of A_low F_low,high: the same segments are traced for either order.
-    let threshold = f64::from(effort.roulette) * area / f64::from(elements.area[high]);
-    let chance = Sequence::new(elements.seed, Stage::FormFactor, ((low as u64) << 28) | high as u64);
     let mut end = effort.first_samples.clamp(2, effort.most_samples.max(2));
     let mut values: Vec<f64> = Vec::with_capacity(end as usize);
     let (mut segments, mut drawn, mut blocked) = (Vec::new(), Vec::new(), Vec::new());
@@ -38,11 +35,8 @@ pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, eff
                 continue;
             }
             let kernel = area * cos / (PI * square * square);
-            let passes = kernel >= threshold || f64::from(chance.point(index, 0)[3]) * threshold < kernel;
-            if passes {
-                drawn.push((values.len() - 1, kernel.max(threshold)));
-                segments.push(Segment { from: a.position, to: b.position });
-            }
+            drawn.push((values.len() - 1, kernel));
+            segments.push(Segment { from: a.position, to: b.position });
         }
         blocked.clear();
         blocked.resize(segments.len(), false);

@@ -10,7 +10,7 @@
 //! Each cube is turned about the normal by chance, so that such errors don't line up between elements.
 //!
 //! Cost: triangles + cells (3 resolution^2) a point: at resolution 64 about 1 ms for 5000 triangles. Limits: as fine as a cell;
-//! memory 16 bytes a cell.
+//! memory 24 bytes a cell.
 
 use super::batches::error_of_mean;
 use super::{Effort, Elements, FormFactor};
@@ -49,6 +49,7 @@ const EMPTY: u32 = u32::MAX;
 const FEWEST_CUBES: u32 = 16;
 
 /// A hemicube that can be set over any point.
+#[derive(Clone)]
 pub struct Hemicube {
     params: HemicubeParams,
     /// Delta form factors of the top's cells, then of one side's, row by row from the horizon.

@@ -34,8 +34,7 @@ const DOUBT: f64 = 0.5;
 const HARMLESS: f64 = 0.25;
 
 /// How exactly the form factor of two elements that nearly touch is found.
-const LEAF_EFFORT: Effort =
-    Effort { relative_error: 0.1, floor: 0.05, first_samples: 4, most_samples: 64, roulette: 0.0 };
+const LEAF_EFFORT: Effort = Effort { relative_error: 0.1, floor: 0.05, first_samples: 4, most_samples: 64 };
 
 /// Pairs of clusters that are refined in parallel at least.
 const GRAIN: u32 = 64;

@@ -72,15 +72,12 @@ pub struct Effort {
     pub first_samples: u32,
     /// Samples a pair gets at most; a power of two, 2..=65536.
     pub most_samples: u32,
-    /// Samples whose kernel, as a share of the form factor's unit, is below this trace their segment only at times, see
-    /// [`area`]; 0: always.
-    pub roulette: f32,
 }
 
 impl Default for Effort {
     /// For one form factor on its own: 0.2 %.
     fn default() -> Self {
-        Self { relative_error: 0.002, floor: 0.0, first_samples: 32, most_samples: 1 << 16, roulette: 0.0 }
+        Self { relative_error: 0.002, floor: 0.0, first_samples: 32, most_samples: 1 << 16 }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Rows of form factors, computed when they are first asked for and kept as sparse links as long as memory allows.
 
-use super::hemicube::{self, HemicubeParams};
+use super::hemicube::{Hemicube, HemicubeParams};
 use super::{Effort, Elements, Exchanger, Method, Outline, Probes, analytic, area, near};
 use crate::Result;
 use crate::color::Rgb;
@@ -9,8 +9,8 @@ use crate::progress::Progress;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// Memory for kept rows [bytes]; rows beyond are thrown away and computed anew each time.
-const MOST_KEPT: u64 = 4 << 30;
+/// Links that are kept, 8 bytes each; rows beyond are thrown away and computed anew each time.
+const MOST_KEPT: u64 = 1 << 29;
 
 /// How form factors between elements are found.
 #[derive(Clone, Debug)]
@@ -29,8 +29,12 @@ pub struct Rows<'a> {
     probes: &'a Probes<'a>,
     params: TransportParams,
     outlines: Vec<OnceLock<Outline>>,
+    hemicube: OnceLock<Hemicube>,
     rows: Vec<Option<Arc<Row>>>,
+    /// Links that are kept.
     kept: u64,
+    /// True once all rows are there.
+    is_complete: bool,
     /// Segments that were traced.
     pub segments: u64,
 }
@@ -69,16 +73,12 @@ impl Row {
     fn estimate(&self, j: usize) -> f32 {
         self.links.binary_search_by_key(&(j as u32), |l| l.0).map_or(0.0, |k| self.links[k].1)
     }
-
-    fn bytes(&self) -> u64 {
-        size_of_val(self.links.as_slice()) as u64
-    }
 }
 
 impl Exchanger for Rows<'_> {
     fn gather(&mut self, sent: &[Rgb], progress: &dyn Progress) -> Result<Vec<Rgb>> {
         self.complete(progress)?;
-        if self.rows.iter().all(Option::is_some) {
+        if self.is_complete {
             return Ok(self.rows.par_iter().map(|row| row.as_ref().map_or(Rgb::ZERO, |r| r.gather(sent))).collect());
         }
         (0..self.elements.len())
@@ -100,7 +100,18 @@ impl<'a> Rows<'a> {
     ) -> Self {
         let n = elements.len();
         let (outlines, rows) = (vec![OnceLock::new(); n], vec![None; n]);
-        Self { elements, ground, probes, params, outlines, rows, kept: 0, segments: 0 }
+        Self {
+            elements,
+            ground,
+            probes,
+            params,
+            outlines,
+            hemicube: OnceLock::new(),
+            rows,
+            kept: 0,
+            is_complete: false,
+            segments: 0,
+        }
     }
 
     /// Form factors from element `i` to every element.
@@ -126,7 +137,8 @@ impl<'a> Rows<'a> {
     /// `Cancelled`.
     pub fn complete(&mut self, progress: &dyn Progress) -> Result<()> {
         let n = self.elements.len();
-        if 8 * (n as u64).pow(2) > 2 * MOST_KEPT || self.rows.iter().all(Option::is_some) {
+        // Each element may see all others.
+        if self.is_complete || (n as u64).pow(2) > MOST_KEPT {
             return Ok(());
         }
         let upper: Vec<(Vec<(u32, f32)>, u64)> = (0..n)
@@ -149,16 +161,18 @@ impl<'a> Rows<'a> {
             }
             all[i].extend(links);
         }
-        for (i, links) in all.into_iter().enumerate() {
+        for (i, mut links) in all.into_iter().enumerate() {
+            links.shrink_to_fit();
             let row = Arc::new(self.scaled(i, links));
             self.keep(i, &row);
         }
+        self.is_complete = true;
         Ok(())
     }
 
     fn keep(&mut self, i: usize, row: &Arc<Row>) {
-        if self.rows[i].is_none() && self.kept + row.bytes() <= MOST_KEPT {
-            self.kept += row.bytes();
+        if self.rows[i].is_none() && self.kept + row.links.len() as u64 <= MOST_KEPT {
+            self.kept += row.links.len() as u64;
             self.rows[i] = Some(row.clone());
         }
     }
@@ -181,7 +195,11 @@ impl<'a> Rows<'a> {
                 (links, segments)
             }
             Method::Hemisphere => (self.probes.of(i).landed.clone(), 0),
-            Method::Hemicube => (hemicube::row(self.elements, self.ground, i, &self.params.hemicube), 0),
+            Method::Hemicube => {
+                // Its tables are made once; what it draws into is each row's own.
+                let mut cube = self.hemicube.get_or_init(|| Hemicube::new(&self.params.hemicube)).clone();
+                (cube.row(self.elements, self.ground, i), 0)
+            }
         }
     }
 

@@ -4,15 +4,38 @@ use super::exr::{PageHeader, write_page};
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::light::{Direct, Lit};
-use crate::post::dilate::fill;
+use crate::post::dilate::finish;
 use crate::post::{PageImage, Quantity};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Longest side of a PNG [pixels].
 const SIDE: u32 = 512;
 
 /// The sRGB-linear value that the scene's mean comes to, about, once all light is there.
 const MEAN_LEVEL: f32 = 0.35;
+
+/// Makes the folder, and takes the pages of an earlier run out of it.
+///
+/// # Errors
+/// `Io` naming the folder or file.
+pub fn clear(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
+    for entry in std::fs::read_dir(folder).map_err(|e| Error::io(folder, e))? {
+        let path = entry.map_err(|e| Error::io(folder, e))?.path();
+        if is_ours(&path) {
+            std::fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
+        }
+    }
+    Ok(())
+}
+
+/// True for `<six or more digits>_<page>.exr` and `.png`.
+fn is_ours(path: &Path) -> bool {
+    let is_picture = path.extension().is_some_and(|e| e == "exr" || e == "png");
+    let stem = path.file_stem().and_then(|s| s.to_str()).and_then(|s| s.split_once('_'));
+    let is_number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+    is_picture && stem.is_some_and(|(step, page)| step.len() >= 6 && is_number(step) && is_number(page))
+}
 
 /// A folder that pages are written into, `<iteration>_<page>.exr` and `.png`.
 pub struct WatchFolder<'a> {
@@ -41,9 +64,9 @@ impl<'a> WatchFolder<'a> {
     ///
     /// # Errors
     /// `Io` naming the file.
-    pub fn show(&mut self, iteration: u64, lit: &Lit, irradiance: impl Fn(usize) -> Rgb) -> Result<()> {
-        std::fs::create_dir_all(self.folder).map_err(|e| Error::io(self.folder, e))?;
-        let pages = fill(lit, |i| self.quantity.of(irradiance(i), lit.reflectance.0[i]));
+    pub fn show(&self, iteration: u64, lit: &Lit, irradiance: impl Fn(usize) -> Rgb) -> Result<()> {
+        let irradiance: Vec<Rgb> = (0..lit.ground.patches.len()).map(irradiance).collect();
+        let pages = finish(lit, &irradiance, self.quantity).pages;
         for (page, image) in pages.iter().enumerate() {
             let name = |extension: &str| self.folder.join(format!("{iteration:06}_{page}.{extension}"));
             let header =
@@ -54,7 +77,7 @@ impl<'a> WatchFolder<'a> {
         Ok(())
     }
 
-    fn write_png(&self, path: &PathBuf, page: &PageImage) -> Result<()> {
+    fn write_png(&self, path: &Path, page: &PageImage) -> Result<()> {
         let byte = |v: f32| {
             let v = (v * self.exposure).clamp(0.0, 1.0);
             let srgb = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
@@ -66,6 +89,6 @@ impl<'a> WatchFolder<'a> {
         let side = |n: u32| ((f64::from(n) * shrink).round() as u32).max(1);
         let small =
             if shrink < 1.0 { image::imageops::thumbnail(&whole, side(page.width), side(page.height)) } else { whole };
-        small.save(path).map_err(|e| Error::invalid(path.display(), e))
+        small.save(path).map_err(|e| Error::io(path, std::io::Error::other(e)))
     }
 }

@@ -1,0 +1,155 @@
+//! Settings that are refused before any work begins: out of range, or of no effect beside others.
+
+use super::{Gather, MOST_ELEMENTS, MOST_ITERATIONS, Method, Settings};
+use crate::error::{Error, Result};
+use crate::post::LayerKind;
+use crate::reference::BATCHES;
+use crate::solve::{Solver, full_matrix};
+use crate::transport::Method as FormFactors;
+
+impl Settings {
+    /// Refuses values out of range before any work begins.
+    ///
+    /// # Errors
+    /// `Invalid`, naming the setting and its range.
+    pub fn check(&self) -> Result<()> {
+        fn within<T: PartialOrd + std::fmt::Display>(name: &str, value: Option<T>, low: T, high: T) -> Result<()> {
+            match value {
+                Some(v) if v < low || v > high || v.partial_cmp(&low).is_none() => {
+                    Err(Error::invalid(name, format!("{v} is out of range; allowed are {low} to {high}")))
+                }
+                _ => Ok(()),
+            }
+        }
+        within("resolution", self.resolution, 16, 16384)?;
+        within("density", self.density, 1e-4, 1e5)?;
+        within("page-size", self.page_size, 16, 16384)?;
+        within("max-pages", self.max_pages, 1, 1024)?;
+        within("padding", self.padding, 1, 64)?;
+        within("max-bounces", self.max_bounces, 0, 100)?;
+        let least = if self.method == Method::Path { BATCHES } else { 2 };
+        within("samples", self.samples, least, 65536)?;
+        within("threads", self.threads, 1, 1024)?;
+        within("elements", self.elements, 1, MOST_ELEMENTS)?;
+        within("hemicube", self.hemicube, 8, 1024)?;
+        if self.hemicube.is_some_and(|cells| cells % 2 != 0) {
+            return Err(Error::invalid("hemicube", "the number of cells must be even: 8, 10, ... 1024"));
+        }
+        within("link-error", self.link_error, 1e-12, 1e-2)?;
+        within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
+        within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
+        self.check_layers()?;
+        self.check_solver()?;
+        if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
+            return Err(Error::invalid("resolution", "chooses the density by itself; leave out density and page-size"));
+        }
+        if self.sky.is_some() && self.environment.is_some() {
+            return Err(Error::invalid("sky", "is given together with environment; leave one out"));
+        }
+        if let Some(sky) = self.sky
+            && sky.iter().any(|v| !v.is_finite() || *v < 0.0)
+        {
+            return Err(Error::invalid("sky", "radiance must be finite and not negative [nit]"));
+        }
+        Ok(())
+    }
+
+    fn check_layers(&self) -> Result<()> {
+        let has = |kind| self.layers.contains(&kind);
+        let is_double = |(k, kind)| self.layers[..k].contains(kind);
+        refuse_first(&[
+            (self.layers.iter().enumerate().any(is_double), "layers", "names a layer twice"),
+            (
+                has(LayerKind::Bounces) && self.method == Method::Path,
+                "layers",
+                "paths don't tell bounces apart; leave out bounces, or the method path",
+            ),
+            (
+                has(LayerKind::Bounces) && self.iterations.is_some(),
+                "layers",
+                "bounces are those of the whole solution; leave out bounces, or iterations",
+            ),
+            (
+                has(LayerKind::Error) && self.gather == Gather::None,
+                "layers",
+                "without a gather no error is known; leave out error, or gather none",
+            ),
+        ])
+    }
+
+    /// Refuses what the solver can't do, and what would be ignored.
+    fn check_solver(&self) -> Result<()> {
+        if self.solver == Solver::FullMatrix {
+            full_matrix::refuse_too_many(self.element_count())?;
+        }
+        let is_path = self.method == Method::Path;
+        let for_radiosity = "is for the method radiosity; leave it out, or the method path";
+        let is_auto = self.solver == Solver::Auto;
+        let is_progressive = is_auto || self.solver == Solver::Progressive;
+        let is_full = self.solver == Solver::FullMatrix;
+        let is_linked = self.solver == Solver::Hierarchical;
+        refuse_first(&[
+            (is_path && !is_auto, "solver", for_radiosity),
+            (is_path && self.form_factors != FormFactors::Area, "form-factors", for_radiosity),
+            (is_path && self.hemicube.is_some(), "hemicube", for_radiosity),
+            (is_path && self.link_error.is_some(), "link-error", for_radiosity),
+            (is_path && self.iterations.is_some(), "iterations", for_radiosity),
+            (is_path && self.overshoot, "overshoot", for_radiosity),
+            (is_path && self.ambient, "ambient", for_radiosity),
+            (is_path && self.gather != Gather::Final, "gather", for_radiosity),
+            (is_path && self.watch.is_some(), "watch", for_radiosity),
+            (
+                self.watch_every.is_some() && self.watch.is_none(),
+                "watch-every",
+                "says how often to write into the folder of watch, which is not given",
+            ),
+            (is_full && self.iterations.is_some(), "iterations", "full-matrix solves at once; choose another solver"),
+            (
+                is_full && self.watch.is_some(),
+                "watch",
+                "full-matrix solves at once, there is nothing to watch; choose another solver",
+            ),
+            (self.overshoot && !is_progressive, "overshoot", "only the solver progressive shoots"),
+            (self.ambient && !is_progressive, "ambient", "only the solver progressive has unshot light"),
+            (
+                self.ambient && self.iterations.is_none() && self.watch.is_none(),
+                "ambient",
+                "stands in for light that is not shot yet, and in the end all is; give iterations or watch as well",
+            ),
+            (self.ambient && self.max_bounces.is_some(), "ambient", "holds all bounces; leave it out, or max-bounces"),
+            (
+                is_linked && self.form_factors != FormFactors::Area,
+                "form-factors",
+                "links of the hierarchical solver are found by area sampling; leave it out, or choose another solver",
+            ),
+            (
+                self.link_error.is_some() && !is_linked,
+                "link-error",
+                "is for the solver hierarchical, which is not chosen",
+            ),
+            (
+                self.hemicube.is_some() && self.form_factors != FormFactors::Hemicube,
+                "hemicube",
+                "is the resolution for form-factors hemicube, which is not chosen",
+            ),
+            (
+                self.max_bounces.is_some() && (is_full || self.solver == Solver::GaussSeidel),
+                "max-bounces",
+                "this solver doesn't tell bounces apart; choose jacobi, progressive or hierarchical",
+            ),
+            (
+                self.max_bounces.is_some() && self.overshoot,
+                "max-bounces",
+                "overshooting mixes the bounces; leave out overshoot",
+            ),
+        ])
+    }
+}
+
+/// Refuses the first of (wrong, setting, message) that is wrong.
+fn refuse_first(all: &[(bool, &str, &str)]) -> Result<()> {
+    match all.iter().find(|r| r.0) {
+        Some((_, setting, message)) => Err(Error::invalid(*setting, message)),
+        None => Ok(()),
+    }
+}
