@@ -21,6 +21,7 @@ pub mod links;
 pub mod near;
 pub mod outline;
 pub mod probes;
+mod refine;
 pub mod row;
 pub mod tree;
 

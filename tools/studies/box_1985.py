@@ -68,7 +68,7 @@ def page(bench: Workbench, size: Size, numbers: dict, measured: dict) -> str:
             bench.picture(f"hemicube_{n}", cube, square, flat=True, exposure=exposure)
         if n in ALIASING:
             bench.error_picture(f"aliasing_{n}", cube, finest, square, percent=5, both_flat=True)
-    bench.error_picture("middle", finest, area, square, percent=5, both_flat=True)
+    bench.error_picture("points", finest, area, square, percent=5, both_flat=True)
     rows = [
         [f"hemicube, {n}", r["against_finest"]["rms"], r["against_area"]["rms"], r["against_reference"]["rms"], r["against_reference"]["bias"], measured["solve"][n]["cpu"]]
         for n, r in numbers["by_cells"].items()
@@ -83,8 +83,8 @@ def page(bench: Workbench, size: Size, numbers: dict, measured: dict) -> str:
 | {shown(f"hemicube_{few}", "coarse hemicube")} | {shown(f"hemicube_{many}", "fine hemicube")} | {shown("area", "area sampling")} | {shown("reference", "reference")} |
 
 Cohen and Greenberg, "The Hemi-Cube: A Radiosity Solution for Complex Environments" (SIGGRAPH 1985), put things into the box. A form
-factor then asks what a patch sees: the hemicube draws the scene on the five sides of half a cube over the patch's middle and adds
-up the cells that each other patch covers.
+factor then asks what a patch sees: the hemicube draws the scene on the five sides of half a cube over the patch and adds up the
+cells that each other patch covers. They took the patch's middle; here it is the mean over four points of it.
 
 **Scene.** A cube of 1 m; red left, blue right, the rest white (.75); two white boxes; a source of 0.3 x 0.3 m, 30 nit. Sizes and
 reflectances are ours. {numbers["patches"]} patches, each a texel, shown as they are.
@@ -100,11 +100,11 @@ counts the size of the patches as well.
 What shows is not noise that more light would even out but a pattern, wrong the same way every time. Difference to
 {2 * many} cells, patch by patch, full colour at 5 %; the last shows what cells don't mend, the finest hemicube against area sampling:
 
-| {" | ".join(f"{n} cells" for n in ALIASING)} | the middle of a patch |
+| {" | ".join(f"{n} cells" for n in ALIASING)} | four points of a patch |
 |{"---|" * (len(ALIASING) + 1)}
-| {" | ".join(shown(f"aliasing_{n}", f"aliasing, {n} cells") for n in ALIASING)} | {shown("middle", "finest hemicube against area sampling")} |
+| {" | ".join(shown(f"aliasing_{n}", f"aliasing, {n} cells") for n in ALIASING)} | {shown("points", "finest hemicube against area sampling")} |
 
-The middle of a patch stands for all of it, whatever the resolution: where patches meet in a corner, by the lamp and at the foot of
-the boxes, the hemicube stays wrong. The lamp's own light is sampled at the texels in all rows; what differs is the light between
+Four points stand for a patch, whatever the resolution: where patches meet in a corner, by the lamp and at the foot of the boxes,
+they don't see what all of the patch sees, and the hemicube stays wrong. The lamp's own light is sampled at the texels in all rows; what differs is the light between
 patches. Times: {measured["cores"]} cores, {measured["date"]}.
 """
