@@ -145,8 +145,8 @@ pub struct FormFactorArgs {
 #[command(next_help_heading = "Form factors")]
 #[serde(rename_all = "kebab-case")]
 pub struct FactorArgs {
-    /// How form factors are found; area: Monte Carlo area sampling; analytic: exact, but blind to what stands in between
-    /// [default: area]
+    /// How form factors are found; area: Monte Carlo area sampling; analytic: exact, but blind to what stands in between;
+    /// hemicube: the scene drawn over each element; hemisphere: rays, the quickest and the noisiest [default: area]
     #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["area", "analytic", "hemicube", "hemisphere"]))]
     pub form_factors: Option<String>,
     /// Cells along an edge of a hemicube's top [8..1024, even; default: 64]
@@ -269,8 +269,8 @@ pub struct SolverArgs {
     /// How the radiosity system is solved; auto chooses by size, and the report says which [default: auto]
     #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["auto", "full-matrix", "jacobi", "gauss-seidel", "progressive", "hierarchical"]))]
     pub solver: Option<String>,
-    /// How form factors are found; area: Monte Carlo area sampling; analytic: exact, but blind to what stands in between
-    /// [default: area]
+    /// How form factors are found; area: Monte Carlo area sampling; analytic: exact, but blind to what stands in between;
+    /// hemicube: the scene drawn over each element; hemisphere: rays, the quickest and the noisiest [default: area]
     #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["area", "analytic", "hemicube", "hemisphere"]))]
     pub form_factors: Option<String>,
     /// Cells along an edge of a hemicube's top [8..1024, even; default: 64]
@@ -293,7 +293,8 @@ pub struct SolverArgs {
     /// Add the ambient term for light that is not shot yet (progressive) [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub ambient: Option<bool>,
-    /// How texels read the solution; final: over their own hemisphere; none: as their element has it [default: final]
+    /// How texels read the solution; final: over their own hemisphere; none: as their element has it, which is coarse unless
+    /// --elements is as fine as the texels [default: final]
     #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["final", "none"]))]
     pub gather: Option<String>,
 }
@@ -346,7 +347,8 @@ pub struct ResultArgs {
     /// Folder for pages of the solution as it grows, an EXR and a small PNG each
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub watch: Option<PathBuf>,
-    /// Shots or sweeps from one of them to the next [1 or more; default: a sweep, or a 32nd of the elements in shots]
+    /// Shots or sweeps from one of them to the next [1 or more; default: a sweep, or a 32nd of the elements in shots, of which
+    /// an element may take several]
     #[arg(long, value_name = "N")]
     pub watch_every: Option<u64>,
 }

@@ -17,8 +17,26 @@ const FILE_NAME: &str = "lumel.toml";
 /// Keys that hold paths; relative ones are relative to the file in which they stand.
 const PATH_KEYS: [&str; 3] = ["environment", "dump-stages", "watch"];
 
+/// Keys about the radiosity solver.
+const SOLVER_KEYS: [&str; 11] = [
+    "solver",
+    "form-factors",
+    "hemicube",
+    "elements",
+    "link-error",
+    "iterations",
+    "overshoot",
+    "ambient",
+    "gather",
+    "watch",
+    "watch-every",
+];
+
 /// Keys that take the place of others: `--resolution` on the command line drops `density` of the file, and so on.
-const REPLACES: [(&str, &[&str]); 5] = [
+const REPLACES: [(&str, &[&str]); 8] = [
+    ("method", &SOLVER_KEYS),
+    ("solver", &["overshoot", "ambient", "link-error"]),
+    ("form-factors", &["hemicube"]),
     ("resolution", &["density", "page-size"]),
     ("density", &["resolution"]),
     ("page-size", &["resolution"]),
@@ -256,6 +274,10 @@ mod tests {
     fn an_option_takes_the_place_of_the_files_alternative() {
         let s = layered("density = 32.0\npage-size = 512", "--resolution 256");
         assert_eq!((s.resolution, s.density, s.page_size), (Some(256), None, None));
+        let s = layered("solver = \"jacobi\"\niterations = 4\nwatch = \"w\"", "--method path");
+        assert_eq!((s.solver, s.iterations, s.watch), (lumel::solve::Solver::Auto, None, None));
+        let s = layered("overshoot = true\niterations = 4", "--solver jacobi");
+        assert_eq!((s.overshoot, s.iterations), (false, Some(4)));
         let s = layered("environment = \"sky.hdr\"", "--sky 1,1,1");
         assert!(s.environment.is_none() && s.sky.is_some());
     }

@@ -3,7 +3,7 @@
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
-use crate::settings::Settings;
+use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
@@ -114,8 +114,8 @@ impl Report {
         if is_lit {
             let how = match &self.solver {
                 None => "traced by paths".to_string(),
-                Some(SolverReport { name, elements, residual, .. }) if *residual > 1.0 => {
-                    format!("{name} over {elements} elements, residual above 100 %")
+                Some(SolverReport { name, elements, iterations, .. }) if self.settings.iterations.is_some() => {
+                    format!("{name} over {elements} elements, {iterations} iterations as asked")
                 }
                 Some(SolverReport { name, elements, residual, .. }) => {
                     format!("{name} over {elements} elements, residual {:.3} %", 100.0 * residual)
@@ -123,7 +123,11 @@ impl Report {
             };
             lines.push(how);
             let (noise, balance) = (100.0 * self.noise, 100.0 * self.energy.imbalance);
-            lines.push(format!("noise {noise:.2} %, energy balance {balance:+.3} %"));
+            let noise = match self.settings.gather {
+                Gather::Final => format!("noise {noise:.2} %"),
+                Gather::None => "noise not measured".to_string(),
+            };
+            lines.push(format!("{noise}, energy balance {balance:+.3} %"));
         }
         lines
     }

@@ -83,7 +83,7 @@ impl Settings {
             full_matrix::refuse_too_many(self.element_count())?;
         }
         let is_path = self.method == Method::Path;
-        let for_radiosity = "is for the method radiosity; leave it out, or the method path";
+        let for_radiosity = "does nothing with the method path; leave it out";
         let is_auto = self.solver == Solver::Auto;
         let is_progressive = is_auto || self.solver == Solver::Progressive;
         let is_full = self.solver == Solver::FullMatrix;
@@ -92,6 +92,7 @@ impl Settings {
             (is_path && !is_auto, "solver", for_radiosity),
             (is_path && self.form_factors != FormFactors::Area, "form-factors", for_radiosity),
             (is_path && self.hemicube.is_some(), "hemicube", for_radiosity),
+            (is_path && self.elements.is_some(), "elements", for_radiosity),
             (is_path && self.link_error.is_some(), "link-error", for_radiosity),
             (is_path && self.iterations.is_some(), "iterations", for_radiosity),
             (is_path && self.overshoot, "overshoot", for_radiosity),
@@ -102,6 +103,11 @@ impl Settings {
                 self.watch_every.is_some() && self.watch.is_none(),
                 "watch-every",
                 "says how often to write into the folder of watch, which is not given",
+            ),
+            (
+                self.gather == Gather::None && self.samples.is_some(),
+                "samples",
+                "are those of the final gather, and gather none has none; leave it out",
             ),
             (is_full && self.iterations.is_some(), "iterations", "full-matrix solves at once; choose another solver"),
             (

@@ -6,6 +6,7 @@
 //! sampled between points of the two clusters, so the error holds what both vary by, and the noise. Links, and with them time
 //! and memory, grow with what there is to tell apart, not with the square of the elements.
 
+use super::outline::Outlines;
 use super::refine::{Found, Link, Refiner};
 use super::tree::Tree;
 use super::{Elements, Exchanger, Probes};
@@ -28,6 +29,7 @@ pub struct Links<'a> {
     elements: &'a Elements,
     ground: &'a Ground<'a>,
     tree: &'a Tree,
+    outlines: Outlines<'a>,
     links: Vec<Link>,
     /// Links of node i, as (other end, form factor to it): `ways[first[i]..first[i + 1]]`.
     ways: Vec<(u32, f32)>,
@@ -52,12 +54,14 @@ impl<'a> Links<'a> {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let bright = brightness(tree, sent);
-        let refiner = Refiner { elements, ground, tree, bright: &bright, bound };
+        let outlines = Outlines::new(elements, ground);
+        let refiner = Refiner { elements, ground, tree, probes, outlines: &outlines, bright: &bright, bound };
         let found = refiner.within(0, progress)?;
         let mut all = Self {
             elements,
             ground,
             tree,
+            outlines,
             links: found.links,
             ways: Vec::new(),
             first: Vec::new(),
@@ -85,7 +89,15 @@ impl<'a> Links<'a> {
     /// `Cancelled`.
     pub fn refine(&mut self, probes: &Probes, sent: &[Rgb], bound: f64, progress: &dyn Progress) -> Result<usize> {
         let bright = brightness(self.tree, sent);
-        let refiner = Refiner { elements: self.elements, ground: self.ground, tree: self.tree, bright: &bright, bound };
+        let refiner = Refiner {
+            elements: self.elements,
+            ground: self.ground,
+            tree: self.tree,
+            probes,
+            outlines: &self.outlines,
+            bright: &bright,
+            bound,
+        };
         let old = std::mem::take(&mut self.links);
         let parts: Vec<(Found, usize)> = old
             .par_chunks(1024)

@@ -26,6 +26,12 @@ const QUADRATURE: f32 = 0.1;
 /// Pairs of polygons up to which the quadrature is worth it: 7 points a pair, about 0.2 ms in all.
 const MOST_POLYGON_PAIRS: usize = 256;
 
+/// True where this method is worth its time: no part is buried and polygons are few. With many, each sample costs as much as a
+/// probe's ray for each of them.
+pub fn is_quick(outlines: [&Outline; 2]) -> bool {
+    outlines.iter().all(|o| o.whole) && outlines[0].polygons.len() * outlines[1].polygons.len() <= MOST_POLYGON_PAIRS
+}
+
 /// The form factor from element `i` to `j`, whose outlines are `outlines`; `samples` counts segments. `A_i F_ij` is the same for
 /// (j, i) at the same tolerance.
 pub fn form_factor(
@@ -41,9 +47,7 @@ pub fn form_factor(
     let (outer, inner, polygons) = if i_is_outer { (i, j, outlines[1]) } else { (j, i, outlines[0]) };
     // The quadrature costs next to nothing beside the segments, so it takes little of what is allowed.
     let exact = Effort { relative_error: QUADRATURE * effort.relative_error, ..*effort };
-    let quick = outlines[0].polygons.len() * outlines[1].polygons.len() <= MOST_POLYGON_PAIRS;
-    let unoccluded =
-        (quick && outlines.iter().all(|o| o.whole)).then(|| analytic::form_factor(elements, i, j, outlines, &exact));
+    let unoccluded = is_quick(outlines).then(|| analytic::form_factor(elements, i, j, outlines, &exact));
     if let Some(dark) = unoccluded.filter(|f| f.value <= 0.0) {
         return FormFactor { samples: 0, ..dark };
     }

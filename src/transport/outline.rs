@@ -10,6 +10,7 @@ use super::Elements;
 use crate::patch::Ground;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// A convex planar polygon.
 #[derive(Clone, Debug)]
@@ -140,5 +141,24 @@ impl Outline {
         let (left, right) = parts.split_at_mut(split);
         self.add(ground, normal, left);
         self.add(ground, normal, right);
+    }
+}
+
+/// The outlines of elements, made when they are first asked for.
+pub struct Outlines<'a> {
+    elements: &'a Elements,
+    ground: &'a Ground<'a>,
+    made: Vec<OnceLock<Outline>>,
+}
+
+impl<'a> Outlines<'a> {
+    /// None is made yet.
+    pub fn new(elements: &'a Elements, ground: &'a Ground<'a>) -> Self {
+        Self { elements, ground, made: vec![OnceLock::new(); elements.len()] }
+    }
+
+    /// The outline of element `e`.
+    pub fn of(&self, e: usize) -> &Outline {
+        self.made[e].get_or_init(|| Outline::new(self.elements, self.ground, e))
     }
 }

@@ -1,7 +1,7 @@
 //! Probes of elements, shot when they are first asked for: a solver that touches few elements pays for few.
 
-use super::Elements;
 use super::hemisphere::{Probe, probe};
+use super::{Elements, FormFactor};
 use crate::Result;
 use crate::light::Lit;
 use crate::progress::Progress;
@@ -25,6 +25,19 @@ impl<'a> Probes<'a> {
     /// What the rays of element `i` found.
     pub fn of(&self, i: usize) -> &Probe {
         self.found[i].get_or_init(|| probe(self.elements, &self.lit, self.rays, i))
+    }
+
+    /// The form factor from element `i` to `j` by the rays of both: they estimate the same A_i F_ij, and in proportion to the
+    /// areas they count alike.
+    pub fn between(&self, i: usize, j: usize) -> FormFactor {
+        let landed = |from: usize, to: usize| {
+            let landed = &self.of(from).landed;
+            landed.binary_search_by_key(&(to as u32), |l| l.0).map_or(0.0, |k| f64::from(landed[k].1))
+        };
+        let ratio = f64::from(self.elements.area[j]) / f64::from(self.elements.area[i]);
+        let value = 0.5 * (landed(i, j) + ratio * landed(j, i));
+        let error = (value * (1.0 + ratio) / (4.0 * f64::from(self.rays))).sqrt();
+        FormFactor { value, error, samples: 0 }
     }
 
     /// Shoots the probes of `wanted` elements.

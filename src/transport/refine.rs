@@ -4,8 +4,9 @@
 //! where they agree. Refinement goes from the root down, each subtree on its own, and finds the same links on any number of
 //! threads.
 
+use super::outline::Outlines;
 use super::tree::Tree;
-use super::{Effort, Elements, Outline, near};
+use super::{Effort, Elements, Probes, near};
 use crate::Result;
 use crate::patch::Ground;
 use crate::progress::Progress;
@@ -49,6 +50,8 @@ pub(super) struct Refiner<'a> {
     pub elements: &'a Elements,
     pub ground: &'a Ground<'a>,
     pub tree: &'a Tree,
+    pub probes: &'a Probes<'a>,
+    pub outlines: &'a Outlines<'a>,
     /// Radiosity by node, root mean square over its elements, brightest channel [lm/m^2].
     pub bright: &'a [f32],
     /// Power that a link may misplace [lm].
@@ -179,8 +182,12 @@ impl Refiner<'_> {
     /// Two elements that nearly touch.
     fn between_leaves(&self, p: usize, q: usize, found: &mut Found) -> Result<()> {
         let [i, j] = [p, q].map(|at| self.tree.order[self.tree.nodes[at].first as usize] as usize);
-        let outlines = [i, j].map(|e| Outline::new(self.elements, self.ground, e));
-        let f = near::form_factor(self.elements, self.ground, i, j, outlines.each_ref(), &LEAF_EFFORT);
+        let outlines = [i, j].map(|e| self.outlines.of(e));
+        let f = if near::is_quick(outlines) {
+            near::form_factor(self.elements, self.ground, i, j, outlines, &LEAF_EFFORT)
+        } else {
+            self.probes.between(i, j)
+        };
         let area = f64::from(self.elements.area[i]);
         let estimate =
             Estimate { value: f.value * area, error: f.error * area, samples: f.samples, segments: f.samples };

@@ -1,7 +1,8 @@
 //! Rows of form factors, computed when they are first asked for and kept as sparse links as long as memory allows.
 
 use super::hemicube::{Hemicube, HemicubeParams};
-use super::{Effort, Elements, Exchanger, Method, Outline, Probes, analytic, area, near};
+use super::outline::Outlines;
+use super::{Effort, Elements, Exchanger, Method, Probes, analytic, area, near};
 use crate::Result;
 use crate::color::Rgb;
 use crate::patch::Ground;
@@ -28,7 +29,7 @@ pub struct Rows<'a> {
     ground: &'a Ground<'a>,
     probes: &'a Probes<'a>,
     params: TransportParams,
-    outlines: Vec<OnceLock<Outline>>,
+    outlines: Outlines<'a>,
     hemicube: OnceLock<Hemicube>,
     rows: Vec<Option<Arc<Row>>>,
     /// Links that are kept.
@@ -99,7 +100,7 @@ impl<'a> Rows<'a> {
         params: TransportParams,
     ) -> Self {
         let n = elements.len();
-        let (outlines, rows) = (vec![OnceLock::new(); n], vec![None; n]);
+        let (outlines, rows) = (Outlines::new(elements, ground), vec![None; n]);
         Self {
             elements,
             ground,
@@ -207,7 +208,8 @@ impl<'a> Rows<'a> {
     fn pair(&self, i: usize, j: usize) -> (f32, u32) {
         if i == j {
             // Flat ones don't see themselves; without rays nothing is known of the others.
-            return if self.params.method == Method::Analytic { (0.0, 0) } else { (self.landed(i, i), 0) };
+            let seen = if self.params.method == Method::Analytic { 0.0 } else { self.probes.between(i, i).value };
+            return (seen as f32, 0);
         }
         let ratio = self.elements.area[j] / self.elements.area[i];
         if let Some(other) = &self.rows[j] {
@@ -219,27 +221,17 @@ impl<'a> Rows<'a> {
         }
         let effort = &self.params.effort;
         let most = a.most_form_factor(b);
-        let outlines = || [self.outline(i), self.outline(j)];
+        let outlines = || [i, j].map(|e| self.outlines.of(e));
+        let is_near = self.elements.are_near(i, j);
         let f = match self.params.method {
             Method::Analytic => analytic::form_factor(self.elements, i, j, outlines(), effort),
-            _ if self.elements.are_near(i, j) => {
-                near::form_factor(self.elements, self.ground, i, j, outlines(), effort)
-            }
+            _ if is_near && !near::is_quick(outlines()) => self.probes.between(i, j),
+            _ if is_near => near::form_factor(self.elements, self.ground, i, j, outlines(), effort),
             _ if effort.is_small(most) => area::glance(self.elements, self.ground, i, j, most, effort),
             _ => area::form_factor(self.elements, self.ground, i, j, effort),
         };
         // The quadrature's points are no segments.
         let segments = if self.params.method == Method::Analytic { 0 } else { f.samples };
         (f.value as f32, segments)
-    }
-
-    fn outline(&self, e: usize) -> &Outline {
-        self.outlines[e].get_or_init(|| Outline::new(self.elements, self.ground, e))
-    }
-
-    /// The share of element `i`'s probe rays that landed on `j`.
-    fn landed(&self, i: usize, j: usize) -> f32 {
-        let landed = &self.probes.of(i).landed;
-        landed.binary_search_by_key(&(j as u32), |l| l.0).map_or(0.0, |k| landed[k].1)
     }
 }
