@@ -44,9 +44,6 @@ const MOST_SAMPLES: u32 = 1 << 14;
 /// Share of the error asked for that the analytic method's bound may take: it doesn't average out over pairs as chance does.
 const QUADRATURE: f32 = 0.1;
 
-/// Pairs of polygons up to which far elements, too, go by the analytic form factor times sampled visibility.
-const MOST_POLYGON_PAIRS: usize = 64;
-
 /// How form factors are found.
 #[derive(Clone, Debug)]
 pub struct ViewFactorParams {
@@ -237,8 +234,6 @@ fn matrix(
     let is_symmetric = matches!(params.method, Method::Area | Method::Analytic);
     let outlines = if is_symmetric { Outline::all(elements, ground) } else { Vec::new() };
     let counted = |share: f32| f64::from(share * (1.0 - share) / probes.rays() as f32).sqrt() as f32;
-    let is_plain =
-        |o: [&Outline; 2]| o.iter().all(|o| o.whole) && o[0].polygons.len() * o[1].polygons.len() <= MOST_POLYGON_PAIRS;
     let pair = |i: usize, j: usize| {
         let [a, b] = [i, j].map(|e| &elements.cluster[e]);
         let outlines = [&outlines[i], &outlines[j]];
@@ -247,16 +242,11 @@ fn matrix(
         }
         match params.method {
             Method::Analytic => analytic::form_factor(elements, i, j, outlines, &exact),
-            // What sees itself is told by rays: points on both meet.
-            _ if i == j => {
-                let landed = &probes.of(i).landed;
-                let share = landed.binary_search_by_key(&(i as u32), |l| l.0).map_or(0.0, |k| landed[k].1);
-                FormFactor { value: share.into(), error: counted(share).into(), samples: 0 }
-            }
+            // What sees itself is told by rays: points on both meet. So is what is cut too finely for more.
+            _ if i == j => probes.between(i, i),
             // Without noise where nothing blocks, at any distance.
-            _ if elements.are_near(i, j) || is_plain(outlines) => {
-                near::form_factor(elements, ground, i, j, outlines, &effort)
-            }
+            _ if near::is_quick(outlines) => near::form_factor(elements, ground, i, j, outlines, &effort),
+            _ if elements.are_near(i, j) => probes.between(i, j),
             _ => area::form_factor(elements, ground, i, j, &effort),
         }
     };
