@@ -92,7 +92,6 @@ impl Settings {
             (is_path && !is_auto, "solver", for_radiosity),
             (is_path && self.form_factors != FormFactors::Area, "form-factors", for_radiosity),
             (is_path && self.hemicube.is_some(), "hemicube", for_radiosity),
-            (is_path && self.elements.is_some(), "elements", for_radiosity),
             (is_path && self.link_error.is_some(), "link-error", for_radiosity),
             (is_path && self.iterations.is_some(), "iterations", for_radiosity),
             (is_path && self.overshoot, "overshoot", for_radiosity),
