@@ -24,6 +24,10 @@ const PROBES: usize = 4;
 const BALANCING_ROUNDS: u32 = 10;
 const MOST_SCALE: f32 = 3.0;
 
+/// Links don't err quite independently, and light that they misplace is reflected on: against the full matrix the error was 0.7
+/// to 1.2 times the sum over them.
+const CAUTION: f64 = 1.5;
+
 /// Transport by links.
 pub struct Links<'a> {
     elements: &'a Elements,
@@ -143,7 +147,7 @@ impl<'a> Links<'a> {
             }
         }
         let area = f64::from(nodes[0].cluster.area);
-        if flux > 0.0 { (squares / area).sqrt() / (flux / area) } else { 0.0 }
+        if flux > 0.0 { CAUTION * (squares / area).sqrt() / (flux / area) } else { 0.0 }
     }
 
     /// Sorts links by their ends, so that each node finds its own.
