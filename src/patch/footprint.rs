@@ -28,7 +28,7 @@ pub struct Facet {
     edges: [Vec3; 2],
     /// Front normal, unit.
     normal: Vec3,
-    /// World shading normals of the corners, where the mesh has normals.
+    /// World shading normals of the corners, where the mesh has normals that are not the triangle's.
     shading: Option<[Vec3; 3]>,
 }
 
@@ -89,30 +89,85 @@ impl CellMask {
     }
 }
 
-impl Ground<'_> {
+/// Cuts footprints and keeps the triangles of the last ones at hand: patches in order share them.
+pub struct Cutter<'a> {
+    ground: &'a Ground<'a>,
+    /// By triangle number modulo their count.
+    recent: [Option<Cut>; RECENT],
+}
+
+/// Triangles that a [`Cutter`] keeps.
+const RECENT: usize = 16;
+
+/// A triangle on its page, ready to be cut.
+#[derive(Clone, Copy)]
+struct Cut {
+    number: u32,
+    facet: Facet,
+    /// Corners [texels].
+    corners: [DVec2; 3],
+}
+
+impl<'a> Cutter<'a> {
+    /// A cutter for the patches of `ground`.
+    pub fn new(ground: &'a Ground<'a>) -> Self {
+        Self { ground, recent: [None; RECENT] }
+    }
+
     /// The footprint of patch `i`.
-    pub fn footprint(&self, i: usize) -> Footprint {
-        let [page, texel] = self.patches.texel[i];
-        let width = self.atlas.pages[page as usize][0];
-        let (x, y) = (f64::from(texel % width), f64::from(texel / width));
-        let mut footprint = Footprint::default();
-        for &(number, area) in self.patches.pieces(i) {
-            let (surface, triangle) = self.tracer.place(number);
-            let [a, b, c] = texel_triangle(self.scene, self.atlas, surface, triangle);
-            let part = Convex::triangle([a, b, c]).band(1, y).band(0, x);
+    pub fn footprint(&mut self, i: usize) -> Footprint {
+        let ground = self.ground;
+        let [page, texel] = ground.patches.texel[i];
+        let width = ground.atlas.pages[page as usize][0];
+        let low = DVec2::new(f64::from(texel % width), f64::from(texel / width));
+        let pieces = ground.patches.pieces(i);
+        let mut footprint = Footprint { pieces: Vec::with_capacity(pieces.len()), ..Footprint::default() };
+        for &(number, area) in pieces {
+            let Cut { facet, corners: [a, b, c], .. } = *self.triangle(number);
             let whole = (b - a).perp_dot(c - a);
+            let weights = |p: DVec2| {
+                let at = p - a;
+                Vec2::new((at.perp_dot(c - a) / whole) as f32, ((b - a).perp_dot(at) / whole) as f32)
+            };
             let mut corners = [Vec2::ZERO; 8];
-            for (corner, p) in corners.iter_mut().zip(part.corners()) {
-                let at = *p - a;
-                *corner = Vec2::new((at.perp_dot(c - a) / whole) as f32, ((b - a).perp_dot(at) / whole) as f32);
-            }
-            if part.corners().len() >= 3 {
-                let facet = Facet::new(self.scene, surface, triangle);
-                footprint.pieces.push(Piece { facet, corners, count: part.corners().len(), area });
+            // Most texels lie inside one triangle: there is nothing to clip.
+            let square = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y].map(|d| weights(low + d));
+            let count = if square.iter().all(|w| w.x >= 0.0 && w.y >= 0.0 && w.x + w.y <= 1.0) {
+                corners[..4].copy_from_slice(&square);
+                4
+            } else {
+                let part = Convex::triangle([a, b, c]).band(1, low.y).band(0, low.x);
+                for (corner, p) in corners.iter_mut().zip(part.corners()) {
+                    *corner = weights(*p);
+                }
+                part.corners().len()
+            };
+            if count >= 3 {
+                footprint.pieces.push(Piece { facet, corners, count, area });
                 footprint.total += area;
             }
         }
         footprint
+    }
+
+    fn triangle(&mut self, number: u32) -> &Cut {
+        let slot = &mut self.recent[number as usize % RECENT];
+        if slot.is_none_or(|cut| cut.number != number) {
+            *slot = None;
+        }
+        slot.get_or_insert_with(|| {
+            let Ground { scene, atlas, tracer, .. } = *self.ground;
+            let (surface, triangle) = tracer.place(number);
+            let corners = texel_triangle(scene, atlas, surface, triangle);
+            Cut { number, facet: Facet::new(scene, surface, triangle), corners }
+        })
+    }
+}
+
+impl Ground<'_> {
+    /// The footprint of patch `i`.
+    pub fn footprint(&self, i: usize) -> Footprint {
+        Cutter::new(self).footprint(i)
     }
 
     /// The part of triangle `number` in the texels from `low` up to and without `high` of its page: world corners [m] of a
@@ -137,6 +192,9 @@ impl Ground<'_> {
     }
 }
 
+/// Difference from the triangle's own normal below which a shading normal is the same, in each component.
+const FLAT: f32 = 1e-6;
+
 impl Facet {
     /// Triangle `triangle` of `surface`.
     pub fn new(scene: &Scene, surface: usize, triangle: usize) -> Self {
@@ -145,18 +203,14 @@ impl Facet {
         let corners = mesh.triangles[triangle];
         let [a, b, c] = corners.map(|v| placed.world_from_local.transform_point3(mesh.positions[v as usize]));
         let flip = if placed.is_mirrored() { -1.0 } else { 1.0 };
+        let normal = ((b - a).cross(c - a) * flip).normalize_or_zero();
         let shading = (!mesh.normals.is_empty()).then(|| {
             let to_world = placed.world_from_local.matrix3.inverse().transpose();
             corners.map(|v| Vec3::from(to_world * Vec3A::from(mesh.normals[v as usize])).normalize_or_zero())
         });
-        Self {
-            surface,
-            triangle,
-            origin: a,
-            edges: [b - a, c - a],
-            normal: ((b - a).cross(c - a) * flip).normalize_or_zero(),
-            shading,
-        }
+        // The normals of a flat triangle are its own to rounding, and need not be blended.
+        let shading = shading.filter(|normals| normals.iter().any(|n| !n.abs_diff_eq(normal, FLAT)));
+        Self { surface, triangle, origin: a, edges: [b - a, c - a], normal, shading }
     }
 
     /// The point with weights `at` of corners 1 and 2.

@@ -1,12 +1,13 @@
 //! Lightmap texels as radiosity patches: the part of each surface that a texel covers, exactly.
 
+pub mod block;
 mod clip;
 pub mod footprint;
 pub mod rasterize;
 pub mod reflectance;
 pub mod unocclude;
 
-pub use footprint::{Footprint, SurfacePoint};
+pub use footprint::{Cutter, Footprint, SurfacePoint};
 pub use rasterize::rasterize;
 pub use reflectance::{Emission, Reflectance};
 

@@ -154,7 +154,7 @@ fn gather_parts(scene: &Scene, atlas: &Atlas, tracer: &Tracer, parts: &[Part]) -
 }
 
 /// Interleaves the bits of x and y (each below 2^16), so that neighbours in the plane are neighbours in order.
-fn morton(x: u32, y: u32) -> u32 {
+pub(super) fn morton(x: u32, y: u32) -> u32 {
     let spread = |v: u32| {
         let v = (v | (v << 8)) & 0x00ff_00ff;
         let v = (v | (v << 4)) & 0x0f0f_0f0f;
