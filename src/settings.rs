@@ -135,9 +135,11 @@ struct Preset {
     form_factor_error: f32,
     /// Power that a link of the hierarchical solver may misplace, relative to all power.
     link_error: f64,
-    /// First shadow samples for polygons, and for each delta light.
-    polygon_samples: u32,
-    delta_samples: u32,
+    /// First shadow samples for each light; standard error of its shadows, relative to the light around.
+    first_samples: u32,
+    shadow_error: f32,
+    /// Samples shared among the clusters of many lights.
+    cluster_samples: u32,
 }
 
 /// Brightness samples of a sky with a picture for each ray of the final gather.
@@ -161,23 +163,27 @@ pub const RESIDUAL: f64 = 1e-3;
 
 impl Quality {
     fn preset(self) -> Preset {
-        let preset =
-            |gather_samples, elements, probe_rays, form_factor_error, link_error, polygon_samples, delta_samples| {
-                Preset {
-                    gather_samples,
-                    elements,
-                    probe_rays,
-                    form_factor_error,
-                    link_error,
-                    polygon_samples,
-                    delta_samples,
-                }
-            };
-        match self {
-            Self::Draft => preset(64, 512, 256, 0.2, 1e-5, 8, 4),
-            Self::Medium => preset(256, 1536, 512, 0.1, 3e-6, 16, 8),
-            Self::High => preset(512, 3072, 1024, 0.1, 1e-6, 32, 8),
-            Self::Production => preset(1024, 6144, 1024, 0.05, 3e-7, 64, 16),
+        let (gather_samples, elements, probe_rays, form_factor_error, link_error) = match self {
+            Self::Draft => (64, 512, 256, 0.2, 1e-5),
+            Self::Medium => (256, 1536, 512, 0.1, 3e-6),
+            Self::High => (512, 3072, 1024, 0.1, 1e-6),
+            Self::Production => (1024, 6144, 1024, 0.05, 3e-7),
+        };
+        let (first_samples, shadow_error, cluster_samples) = match self {
+            Self::Draft => (2, 0.04, 8),
+            Self::Medium => (4, 0.02, 16),
+            Self::High => (4, 0.01, 32),
+            Self::Production => (4, 0.003, 64),
+        };
+        Preset {
+            gather_samples,
+            elements,
+            probe_rays,
+            form_factor_error,
+            link_error,
+            first_samples,
+            shadow_error,
+            cluster_samples,
         }
     }
 
@@ -238,8 +244,9 @@ impl Settings {
     pub fn direct_params(&self) -> DirectParams {
         let preset = self.quality.preset();
         DirectParams {
-            polygon_samples: preset.polygon_samples,
-            delta_samples: preset.delta_samples,
+            first_samples: preset.first_samples,
+            shadow_error: preset.shadow_error,
+            cluster_samples: preset.cluster_samples,
             sky_ratio: SKY_RATIO,
             gather_samples: self.gather_samples(),
             shading_normals: self.normals == Normals::Shading,

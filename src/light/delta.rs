@@ -2,8 +2,10 @@
 
 use super::polygon::ball;
 use crate::color::Rgb;
+use crate::patch::SurfacePoint;
 use crate::sample::warp::{cap, frame};
 use crate::scene::{Light, LightShape, Shaping};
+use crate::trace::{Ray, Segment, Tracer};
 use glam::Vec3;
 
 /// A point, spot, directional or ball-shaped light.
@@ -35,12 +37,13 @@ impl DeltaLight {
         is_ours.then(|| Self { shape: light.shape.clone(), shaping: light.shaping })
     }
 
-    /// True where the light has an extent, so that several directions must be tried.
-    pub fn is_soft(&self) -> bool {
+    /// How far the light is from `position` [m] where it is as good as a point and shines alike in all directions: infinite for a
+    /// sun.
+    pub fn distance_of_point(&self, position: Vec3) -> Option<f32> {
         match self.shape {
-            LightShape::Directional { angle, .. } => angle > 0.0,
-            LightShape::Sphere { .. } => true,
-            _ => false,
+            LightShape::Directional { angle, .. } => (angle < SMALL_SUN).then_some(f32::INFINITY),
+            LightShape::Point { position: at, .. } if self.shaping.is_none() => Some(at.distance(position)),
+            _ => None,
         }
     }
 
@@ -94,6 +97,31 @@ impl DeltaLight {
             _ => None,
         }
     }
+}
+
+/// Angular diameter of a sun [rad] whose middle stands for its disc: the mean cosine differs by 1e-4.
+const SMALL_SUN: f32 = 0.04;
+
+/// Illuminance of one delta light at one point about the geometric and the shading normal, and how it comes; `None` where the
+/// point faces away from it.
+pub fn unshadowed(light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
+    let arrival = light.arrive(point.position, u)?;
+    let cos = point.normal.dot(arrival.towards);
+    let shading = point.shading.dot(arrival.towards).max(0.0);
+    (cos > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
+}
+
+/// Whether something stands between `point` and the light that arrives there.
+pub fn is_shadowed(tracer: &Tracer, point: &SurfacePoint, arrival: &Arrival) -> bool {
+    let from = tracer.off_surface(point.position, point.normal);
+    let mut blocked = [false];
+    if arrival.distance.is_finite() {
+        let to = point.position + arrival.towards * arrival.distance;
+        tracer.occluded(&[Segment { from, to }], &mut blocked);
+    } else {
+        tracer.occluded_rays(&[Ray { origin: from, direction: arrival.towards }], &mut blocked);
+    }
+    blocked[0]
 }
 
 /// Inverse square law, with the window that KHR_lights_punctual gives for `range`.

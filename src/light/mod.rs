@@ -5,8 +5,12 @@
 
 pub mod delta;
 pub mod direct;
+pub mod emitter;
 pub mod polygon;
+pub mod receiver;
+mod shadow;
 pub mod sky;
+mod skylight;
 pub mod tree;
 
 pub use direct::{Direct, direct};

@@ -18,6 +18,8 @@ pub struct Polygon {
     pub centre: Vec3,
     /// The side it shines to, unit.
     pub normal: Vec3,
+    /// Largest distance of a corner from the centre [m].
+    pub radius: f32,
     /// Area [m^2].
     pub area: f32,
     /// Mean radiance [nit].
@@ -103,12 +105,8 @@ impl Polygon {
         let area = 0.5 * twice.length();
         let centre = corners.iter().sum::<Vec3>() / corners.len() as f32;
         let shines = area > 0.0 && area.is_finite() && radiance.max_element() > 0.0;
-        shines.then(|| Self { corners, centre, normal: twice.normalize(), area, radiance, two_sided, source })
-    }
-
-    /// Largest distance of a corner from the centre [m].
-    pub fn radius(&self) -> f32 {
-        self.corners.iter().map(|c| c.distance(self.centre)).fold(0.0, f32::max)
+        let radius = corners.iter().map(|c| c.distance(centre)).fold(0.0, f32::max);
+        shines.then(|| Self { corners, centre, normal: twice.normalize(), radius, area, radiance, two_sided, source })
     }
 
     /// A point uniform over the area.

@@ -93,7 +93,7 @@ impl LightTree {
         if let [only] = order {
             let p = &self.polygons[*only as usize];
             let strength = luminance(p.radiance) * p.area;
-            self.nodes.push(Node { centre: p.centre, radius: p.radius(), strength, kind: Kind::Leaf(*only) });
+            self.nodes.push(Node { centre: p.centre, radius: p.radius, strength, kind: Kind::Leaf(*only) });
             return index as u32;
         }
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);

@@ -17,6 +17,11 @@ pub struct SurfacePoint {
     pub shading: Vec3,
 }
 
+impl SurfacePoint {
+    /// A point that is none.
+    pub const NOWHERE: Self = Self { position: Vec3::ZERO, normal: Vec3::ZERO, shading: Vec3::ZERO };
+}
+
 /// A placed triangle, ready to be evaluated.
 #[derive(Clone, Copy, Debug)]
 pub struct Facet {
@@ -288,6 +293,15 @@ impl Footprint {
     pub fn radius(&self, centre: Vec3) -> f32 {
         let corners = self.pieces.iter().flat_map(|p| p.corners[..p.count].iter().map(|c| p.facet.point(*c).position));
         corners.map(|c| c.distance(centre)).fold(0.0, f32::max)
+    }
+
+    /// The normal of a footprint that is flat and whole; with `shading`, one whose shading normals are the same, too.
+    pub fn flat_normal(&self, shading: bool) -> Option<Vec3> {
+        let (first, rest) = self.pieces.split_first()?;
+        let normal = first.facet.normal;
+        let is_flat = rest.iter().all(|p| p.facet.normal.abs_diff_eq(normal, FLAT));
+        let is_even = !shading || self.pieces.iter().all(|p| p.facet.shading.is_none());
+        (is_flat && is_even && self.cells == CellMask::ALL).then_some(normal)
     }
 
     /// True where no piece is left.

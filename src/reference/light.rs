@@ -8,7 +8,8 @@
 use super::Strategy;
 use crate::color::{Rgb, luminance};
 use crate::light::Lights;
-use crate::light::direct::{is_shadowed, link, unshadowed};
+use crate::light::delta::{is_shadowed, unshadowed};
+use crate::light::emitter::link;
 use crate::light::polygon::{Polygon, Source};
 use crate::light::tree::Viewpoint;
 use crate::patch::{Ground, NONE, SurfacePoint};

@@ -1,0 +1,233 @@
+//! The visible share of emitters: a glance at all, and a close look where shadows may be.
+//!
+//! What arrives without occluders is known; the visible share of it is estimated as a ratio of two sums over the same samples
+//! (Heitz, Hill, McGuire 2018, "Combining analytic direct illumination and stochastic shadows"), so that a receiver without
+//! shadows has no noise at all.
+//!
+//! A close look takes as many samples as its share calls for: the standard deviation of a visible share p is sqrt(p (1 - p))
+//! for one sample, and falls with n^-3/4, as stratified samples of an area that an edge parts (Mitchell 1996, "Consequences
+//! of stratified sampling in graphics").
+
+use super::emitter::{Emitter, Shot, Sight, Way};
+use super::receiver::{Arriving, Site};
+use crate::color::Rgb;
+use crate::trace::{Ray, Segment, Tracer};
+
+/// What some receivers saw of emitters, by their bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Ballot {
+    pub seen: u32,
+    pub blocked: u32,
+}
+
+impl Ballot {
+    /// What either saw.
+    pub fn or(self, other: Self) -> Self {
+        Self { seen: self.seen | other.seen, blocked: self.blocked | other.blocked }
+    }
+
+    /// Emitters of `own` about which all that was seen disagrees.
+    pub fn disputed(self, own: Self) -> u32 {
+        self.seen & self.blocked & (own.seen | own.blocked)
+    }
+}
+
+/// How closely emitters are looked at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// Bits of the emitters that get more than a glance.
+    pub closely: u32,
+    /// Mean luminance of the light around [lx]: what errors are relative to, see [`IN_THE_DARK`].
+    pub around: f32,
+    /// Samples of each, at most.
+    pub most_samples: u32,
+}
+
+/// Errors are relative to this share of all that would arrive unoccluded where that is more than what does arrive: deep in a
+/// shadow other light shows more than the last of this one.
+const IN_THE_DARK: f32 = 0.25;
+
+/// Samples of a close look at first.
+const CLOSE_SAMPLES: u32 = 16;
+
+/// Shadow rays that are traced together: all to one emitter.
+#[derive(Default)]
+pub(super) struct Volley {
+    shots: Vec<Shot>,
+    segments: Vec<Segment>,
+    rays: Vec<Ray>,
+    blocked: Vec<bool>,
+}
+
+impl Volley {
+    fn push(&mut self, shot: Shot) {
+        match shot.way {
+            Way::To(segment) => self.segments.push(segment),
+            Way::Along(ray) => self.rays.push(ray),
+        }
+        self.shots.push(shot);
+    }
+
+    fn clear(&mut self) {
+        self.shots.clear();
+        self.segments.clear();
+        self.rays.clear();
+    }
+
+    fn fire(&mut self, tracer: &Tracer) {
+        debug_assert!(self.segments.is_empty() || self.rays.is_empty(), "one emitter is near or far");
+        self.blocked.clear();
+        self.blocked.resize(self.shots.len(), false);
+        if self.rays.is_empty() {
+            tracer.occluded(&self.segments, &mut self.blocked);
+        } else {
+            tracer.occluded_rays(&self.rays, &mut self.blocked);
+        }
+    }
+}
+
+/// Sums over the samples of one emitter at one receiver.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    tried: [f32; 2],
+    seen: [Rgb; 2],
+    other: Rgb,
+    /// Samples, those that reached out for the emitter, and those that saw it.
+    count: u32,
+    facing: u32,
+    visible: u32,
+}
+
+impl Tally {
+    fn add(&mut self, shot: &Shot, blocked: bool) {
+        self.facing += 1;
+        self.visible += u32::from(!blocked);
+        for k in 0..2 {
+            self.tried[k] += shot.kernel[k];
+            self.seen[k] += if blocked { Rgb::ZERO } else { shot.light[k] };
+        }
+        if shot.is_light && !blocked {
+            self.other += shot.light[0];
+        }
+    }
+
+    fn ballot(&self, bit: u32) -> Ballot {
+        let only = |is: bool| if is { bit } else { 0 };
+        Ballot { seen: only(self.visible > 0), blocked: only(self.visible < self.facing) }
+    }
+
+    /// Adds the emitter's light: the visible share of what is known to arrive unoccluded, or else the mean of the samples.
+    fn arrive(&self, unoccluded: Option<[f32; 2]>, sum: &mut Arriving) {
+        let scale = |k: usize| match unoccluded {
+            Some(whole) if self.tried[k] > 0.0 => whole[k] / self.tried[k],
+            Some(_) => 0.0,
+            None => 1.0 / self.count.max(1) as f32,
+        };
+        sum.transport += self.seen[0] * scale(0);
+        sum.shown += self.seen[1] * scale(1);
+        sum.other += self.other * scale(0);
+        sum.rays += u64::from(self.facing);
+    }
+
+    /// Samples that bring the standard error down to the share `error` of the light `around`, or of the emitter's own where that
+    /// is more; unoccluded it would bring `light`.
+    fn wanted(&self, light: f32, around: f32, error: f32) -> f32 {
+        // As if one more had seen it and one more had not: a share of the first samples is never sure.
+        let p = (self.visible + 1) as f32 / (self.facing + 2) as f32;
+        ((p * (1.0 - p)).sqrt() * light / (error * around.max(p * light))).powf(4.0 / 3.0)
+    }
+}
+
+/// Takes the samples `from..to` of one emitter at one receiver.
+fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: std::ops::Range<u32>, volley: &mut Volley) {
+    for index in samples {
+        let (point, u) = site.draw(index, set);
+        if let Some(shot) = emitter.shot(sight, &point, u) {
+            volley.push(shot);
+        }
+    }
+}
+
+/// A glance at every emitter from every site: what arrives, and what was seen.
+pub(super) fn glance(
+    sight: &Sight,
+    emitters: &[Emitter],
+    sites: &[Site],
+    volley: &mut Volley,
+) -> Vec<(Arriving, Ballot)> {
+    let mut all = vec![(Arriving::default(), Ballot::default()); sites.len()];
+    let mut ends = Vec::with_capacity(sites.len());
+    for &emitter in emitters {
+        volley.clear();
+        ends.clear();
+        let (set, count) = first_samples(sight, emitter);
+        for (k, site) in sites.iter().enumerate() {
+            let unoccluded = emitter.unoccluded(sight, site);
+            if unoccluded != Some([0.0; 2]) {
+                aim(sight, emitter, site, set, 0..count, volley);
+                ends.push((k, unoccluded, volley.shots.len()));
+            }
+        }
+        volley.fire(sight.tracer);
+        let mut start = 0;
+        for &(k, unoccluded, end) in &ends {
+            let mut tally = Tally { count, ..Tally::default() };
+            for (shot, blocked) in volley.shots[start..end].iter().zip(&volley.blocked[start..end]) {
+                tally.add(shot, *blocked);
+            }
+            start = end;
+            let (sum, ballot) = &mut all[k];
+            tally.arrive(unoccluded, sum);
+            *ballot = ballot.or(tally.ballot(emitter.bit()));
+        }
+    }
+    all
+}
+
+fn first_samples(sight: &Sight, emitter: Emitter) -> (u32, u32) {
+    match emitter {
+        Emitter::Cluster(_, samples) => (emitter.set(), samples),
+        _ => (0, sight.params.first_samples),
+    }
+}
+
+/// As a glance at one site, but for emitters that are looked at closely.
+pub(super) fn examine(
+    sight: &Sight,
+    emitters: &[Emitter],
+    site: &Site,
+    look: Look,
+    volley: &mut Volley,
+) -> (Arriving, Ballot) {
+    let (mut sum, mut ballot) = (Arriving::default(), Ballot::default());
+    let unoccluded: Vec<Option<[f32; 2]>> = emitters.iter().map(|e| e.unoccluded(sight, site)).collect();
+    let light = |emitter: Emitter, whole: Option<[f32; 2]>| whole.map_or(0.0, |w| w[0] * emitter.brightness(sight));
+    let total: f32 = emitters.iter().zip(&unoccluded).map(|(e, w)| light(*e, *w)).sum();
+    let around = look.around.max(IN_THE_DARK * total);
+    for (&emitter, &unoccluded) in emitters.iter().zip(&unoccluded) {
+        if unoccluded == Some([0.0; 2]) {
+            continue;
+        }
+        let light = light(emitter, unoccluded);
+        let is_close = look.closely & emitter.bit() != 0;
+        let (set, mut count) = if is_close { (emitter.set(), CLOSE_SAMPLES) } else { first_samples(sight, emitter) };
+        let mut tally = Tally::default();
+        while count > tally.count {
+            volley.clear();
+            aim(sight, emitter, site, set, tally.count..count, volley);
+            volley.fire(sight.tracer);
+            for (shot, blocked) in volley.shots.iter().zip(&volley.blocked) {
+                tally.add(shot, *blocked);
+            }
+            tally.count = count;
+            if is_close {
+                // The points of a whole power of two are spread most evenly.
+                let wanted = tally.wanted(light, around, sight.params.shadow_error).min(look.most_samples as f32);
+                count = (wanted.ceil() as u32).next_power_of_two().min(look.most_samples);
+            }
+        }
+        tally.arrive(unoccluded, &mut sum);
+        ballot = ballot.or(tally.ballot(emitter.bit()));
+    }
+    (sum, ballot)
+}
