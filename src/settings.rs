@@ -170,9 +170,9 @@ impl Quality {
             Self::Production => (1024, 6144, 1024, 0.05, 3e-7),
         };
         let (first_samples, shadow_error, cluster_samples) = match self {
-            Self::Draft => (2, 0.04, 8),
-            Self::Medium => (4, 0.02, 16),
-            Self::High => (4, 0.01, 32),
+            Self::Draft => (1, 0.04, 8),
+            Self::Medium => (2, 0.015, 16),
+            Self::High => (4, 0.008, 32),
             Self::Production => (4, 0.003, 64),
         };
         Preset {

@@ -1,6 +1,7 @@
 //! Lights that are found by one direction at a time: points, spots, suns and balls.
 
 use super::polygon::ball;
+use super::receiver::Evenness;
 use crate::color::Rgb;
 use crate::patch::SurfacePoint;
 use crate::sample::warp::{cap, frame};
@@ -37,13 +38,18 @@ impl DeltaLight {
         is_ours.then(|| Self { shape: light.shape.clone(), shaping: light.shaping })
     }
 
-    /// How far the light is from `position` [m] where it is as good as a point and shines alike in all directions: infinite for a
-    /// sun.
-    pub fn distance_of_point(&self, position: Vec3) -> Option<f32> {
+    /// How evenly it shines on a receiver of `radius` [m] around `position`.
+    pub(super) fn evenness(&self, position: Vec3, radius: f32) -> Evenness {
         match self.shape {
-            LightShape::Directional { angle, .. } => (angle < SMALL_SUN).then_some(f32::INFINITY),
-            LightShape::Point { position: at, .. } if self.shaping.is_none() => Some(at.distance(position)),
-            _ => None,
+            LightShape::Directional { angle, .. } if angle < SMALL_SUN => Evenness::From(f32::INFINITY),
+            LightShape::Point { position: at, .. } if self.shaping.is_none() => Evenness::From(at.distance(position)),
+            LightShape::Spot { position: at, direction, inner, outer, .. } if self.shaping.is_none() => {
+                let way = position - at;
+                let (angle, margin) = (way.angle_between(direction), (radius / way.length()).atan());
+                let is_on_edge = angle + margin > inner && angle - margin < outer;
+                if is_on_edge { Evenness::Rough } else { Evenness::From(way.length()) }
+            }
+            _ => Evenness::Rough,
         }
     }
 

@@ -105,7 +105,7 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
 pub fn arrive(scene: &Scene, tracer: &Tracer, lights: &Lights, receiver: &Receiver, params: &DirectParams) -> Arriving {
     let sight = Sight { scene, tracer, lights, params };
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
-    let site = Site::new(receiver, None);
+    let site = Site::new(receiver, 0.0, &[]);
     // Of the light around nothing is known.
     let look = Look { closely: u32::MAX, around: 0.0, most_samples: MOST_ARRIVING };
     let (mut sum, _) = examine(&sight, &emitters, &site, look, &mut Volley::default());
@@ -241,10 +241,11 @@ fn at_block<T: Clone + Default>(
         }
     };
     let receivers: Vec<Receiver> = open.iter().enumerate().map(receiver).collect();
-    let flat = |f: &Footprint| f.flat_normal(params.shading_normals);
-    let sites: Vec<Site> = receivers.iter().zip(&footprints).map(|(r, f)| Site::new(r, flat(f))).collect();
+    let parts: Vec<_> = footprints.iter().map(Footprint::flat_parts).collect();
     let sight = Sight { scene: ground.scene, tracer: ground.tracer, lights, params };
     let emitters = emitters(lit, &sight, block);
+    let nearest = |r: &Receiver| sight.nearest(&emitters, r.position);
+    let sites: Vec<Site> = receivers.iter().zip(&parts).map(|(r, parts)| Site::new(r, nearest(r), parts)).collect();
     for (k, found) in open.into_iter().zip(look(&sight, &emitters, &sites)) {
         all[k] = found;
     }

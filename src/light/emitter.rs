@@ -4,7 +4,7 @@ use super::Lights;
 use super::delta::unshadowed;
 use super::direct::DirectParams;
 use super::polygon::{Polygon, Source};
-use super::receiver::Site;
+use super::receiver::{Evenness, Site};
 use super::tree::Cluster;
 use crate::color::{Rgb, luminance};
 use crate::contour::point_to_polygon;
@@ -74,6 +74,18 @@ impl Sight<'_> {
         };
         cut.iter().map(emitter).chain((0..self.lights.delta.len()).map(Emitter::Delta)).collect()
     }
+
+    /// The distance from `position` of the nearest polygon among `emitters` [m].
+    pub fn nearest(&self, emitters: &[Emitter], position: Vec3) -> f32 {
+        let distance = |emitter: &Emitter| match emitter {
+            Emitter::Polygon(p) => {
+                let polygon = &self.lights.polygons.polygons[*p];
+                polygon.centre.distance(position) - polygon.radius
+            }
+            Emitter::Cluster(..) | Emitter::Delta(_) => f32::INFINITY,
+        };
+        emitters.iter().map(distance).fold(f32::INFINITY, f32::min)
+    }
 }
 
 impl Emitter {
@@ -115,15 +127,14 @@ impl Emitter {
             Self::Cluster(..) => None,
             Self::Polygon(p) => {
                 let polygon = &sight.lights.polygons.polygons[p];
-                let distance = polygon.centre.distance(site.receiver.position) - polygon.radius;
-                Some(site.mean(distance, |point, _| form_factors(sight.tracer, polygon, point, shading_normals)))
+                let evenness = Evenness::From(site.nearest);
+                Some(site.mean(evenness, |point, _| form_factors(sight.tracer, polygon, point, shading_normals)))
             }
             Self::Delta(k) => {
                 let light = &sight.lights.delta[k];
-                let distance = light.distance_of_point(site.receiver.position).unwrap_or(0.0);
                 let kernel =
                     |point: &SurfacePoint, u| unshadowed(light, point, u).map_or([0.0; 2], |(e, _)| e.map(luminance));
-                Some(site.mean(distance, kernel))
+                Some(site.mean(light.evenness(site.receiver.position, site.receiver.radius), kernel))
             }
         }
     }

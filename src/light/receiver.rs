@@ -28,27 +28,38 @@ pub struct Arriving {
 
 /// Points that every receiver is given at once.
 pub(super) const FIRST_POINTS: usize = 4;
-/// Points over which unoccluded light is averaged where it differs among the first by more than a share of its mean.
+/// Points over which what arrives unevenly is averaged.
 const MORE_POINTS: u32 = 16;
-const UNEVEN: f32 = 0.1;
-/// Radii of a flat receiver beyond which what arrives at its centre stands for the whole: the rest is of second order, a
-/// thousandth.
+/// Radii of a receiver beyond which what arrives at the centre of each of its flat parts stands for the whole: the rest is of
+/// second order, a thousandth.
 const FAR: f32 = 16.0;
+
+/// How evenly something arrives over a receiver.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Evenness {
+    /// From so far away [m] that the parts' centres may do, see [`FAR`].
+    From(f32),
+    /// With edges in it, or from all over a disc at random.
+    Rough,
+}
 
 /// A receiver with its first points and random numbers, which all emitters share.
 pub(super) struct Site<'a> {
     pub receiver: &'a Receiver<'a>,
-    /// The centre of a flat receiver.
-    centre: Option<SurfacePoint>,
+    /// The distance of the nearest polygon that shines [m]. All are averaged over the same points, so that those around a point
+    /// add up exactly.
+    pub nearest: f32,
+    /// The centres of its flat parts and their shares of the whole; none where they are not known.
+    parts: &'a [(SurfacePoint, f32)],
     /// For each point: the place on the receiver, and two more for the place on an emitter.
     first: [(SurfacePoint, [f32; 2]); FIRST_POINTS],
 }
 
 impl<'a> Site<'a> {
-    /// `flat` is the normal of a receiver that is flat, evenly shaded, and whole.
-    pub fn new(receiver: &'a Receiver<'a>, flat: Option<Vec3>) -> Self {
-        let centre = flat.map(|normal| SurfacePoint { position: receiver.position, normal, shading: normal });
-        let mut site = Self { receiver, centre, first: std::array::from_fn(|_| (SurfacePoint::NOWHERE, [0.0; 2])) };
+    /// `nearest` is the distance of the nearest polygon [m];
+    /// `parts` are the centres of the receiver's flat parts and their shares of the whole; none where they are not known.
+    pub fn new(receiver: &'a Receiver<'a>, nearest: f32, parts: &'a [(SurfacePoint, f32)]) -> Self {
+        let mut site = Self { receiver, nearest, parts, first: [(SurfacePoint::NOWHERE, [0.0; 2]); FIRST_POINTS] };
         for (k, first) in site.first.iter_mut().enumerate() {
             *first = draw(receiver, k as u32, 0);
         }
@@ -63,32 +74,30 @@ impl<'a> Site<'a> {
         }
     }
 
-    /// The mean over the receiver of `value`, which is told two random numbers; of something at `distance` [m] that is as good as
-    /// a point in those numbers, the value at the centre.
-    pub fn mean(&self, distance: f32, value: impl Fn(&SurfacePoint, [f32; 2]) -> [f32; 2]) -> [f32; 2] {
-        if let Some(centre) = self.centre.filter(|_| distance > FAR * self.receiver.radius) {
-            return value(&centre, [0.5; 2]);
-        }
-        let (mut sum, mut low, mut high) = ([0.0f32; 2], f32::INFINITY, 0.0f32);
-        let mut add = |(point, u): (SurfacePoint, [f32; 2])| {
-            let [transport, shown] = value(&point, u);
-            sum[0] += transport;
-            sum[1] += shown;
-            (low, high) = (low.min(transport), high.max(transport));
-            (sum, high - low)
-        };
-        let mut count = FIRST_POINTS as u32;
-        let (mut total, mut spread) = ([0.0; 2], 0.0);
-        for first in self.first {
-            (total, spread) = add(first);
-        }
-        if spread * count as f32 > UNEVEN * total[0] {
-            for index in count..MORE_POINTS {
-                (total, _) = add(draw(self.receiver, index, 0));
+    /// True where something at `distance` [m] is told well enough by the centres of the parts.
+    fn is_far(&self, distance: f32) -> bool {
+        distance > FAR * self.receiver.radius && !self.parts.is_empty()
+    }
+
+    /// The mean over the receiver of `value`, which is told two random numbers.
+    pub fn mean(&self, evenness: Evenness, value: impl Fn(&SurfacePoint, [f32; 2]) -> [f32; 2]) -> [f32; 2] {
+        let count = match evenness {
+            Evenness::From(distance) if self.is_far(distance) => {
+                return self.parts.iter().fold([0.0; 2], |sum, (centre, share)| {
+                    let [transport, shown] = value(centre, [0.5; 2]);
+                    [sum[0] + share * transport, sum[1] + share * shown]
+                });
             }
-            count = MORE_POINTS;
+            Evenness::From(_) => FIRST_POINTS as u32,
+            Evenness::Rough => MORE_POINTS,
+        };
+        let mut sum = [0.0f32; 2];
+        for index in 0..count {
+            let (point, u) = self.draw(index, 0);
+            let [transport, shown] = value(&point, u);
+            sum = [sum[0] + transport, sum[1] + shown];
         }
-        total.map(|t| t / count as f32)
+        sum.map(|s| s / count as f32)
     }
 }
 

@@ -223,7 +223,7 @@ pub(super) fn examine(
             if is_close {
                 // The points of a whole power of two are spread most evenly.
                 let wanted = tally.wanted(light, around, sight.params.shadow_error).min(look.most_samples as f32);
-                count = (wanted.ceil() as u32).next_power_of_two().min(look.most_samples);
+                count = (wanted.ceil() as u32).next_multiple_of(CLOSE_SAMPLES).min(look.most_samples);
             }
         }
         tally.arrive(unoccluded, &mut sum);

@@ -244,6 +244,19 @@ impl Piece {
         (1..self.count - 1).map(|k| (self.corners[k] - o).perp_dot(self.corners[k + 1] - o).abs()).sum()
     }
 
+    /// The weights at the centre of area.
+    fn centroid(&self) -> Vec2 {
+        let o = self.corners[0];
+        let (mut sum, mut total) = (Vec2::ZERO, 0.0);
+        for k in 1..self.count - 1 {
+            let (p, q) = (self.corners[k] - o, self.corners[k + 1] - o);
+            let area = p.perp_dot(q);
+            sum += (p + q) * (area / 3.0);
+            total += area;
+        }
+        if total == 0.0 { o } else { o + sum / total }
+    }
+
     /// The weights at `u` of the unit square, uniform over the piece.
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         let o = self.corners[0];
@@ -295,13 +308,10 @@ impl Footprint {
         corners.map(|c| c.distance(centre)).fold(0.0, f32::max)
     }
 
-    /// The normal of a footprint that is flat and whole; with `shading`, one whose shading normals are the same, too.
-    pub fn flat_normal(&self, shading: bool) -> Option<Vec3> {
-        let (first, rest) = self.pieces.split_first()?;
-        let normal = first.facet.normal;
-        let is_flat = rest.iter().all(|p| p.facet.normal.abs_diff_eq(normal, FLAT));
-        let is_even = !shading || self.pieces.iter().all(|p| p.facet.shading.is_none());
-        (is_flat && is_even && self.cells == CellMask::ALL).then_some(normal)
+    /// The middles of the pieces and their shares of the area; none where some cells are left out.
+    pub fn flat_parts(&self) -> Vec<(SurfacePoint, f32)> {
+        let pieces = if self.cells == CellMask::ALL { &self.pieces[..] } else { &[] };
+        pieces.iter().map(|p| (p.facet.point(p.centroid()), p.area / self.total)).collect()
     }
 
     /// True where no piece is left.
