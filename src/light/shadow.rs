@@ -12,6 +12,7 @@ use super::emitter::{Emitter, Shot, Sight, Way};
 use super::receiver::{Arriving, Site};
 use crate::color::Rgb;
 use crate::trace::{Ray, Segment, Tracer};
+use std::ops::Range;
 
 /// What some receivers saw of emitters, by their bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -138,9 +139,19 @@ impl Tally {
     }
 }
 
-/// Takes the samples `from..to` of one emitter at one receiver.
-fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: std::ops::Range<u32>, volley: &mut Volley) {
-    for index in samples {
+/// Samples of which the first that reaches out for an emitter is taken where those asked for don't: at the edge of a cone, or
+/// where an emitter is partly below the horizon.
+const TRIES: u32 = 16;
+
+/// Takes some samples of one emitter at one receiver.
+fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: Range<u32>, volley: &mut Volley) {
+    let before = volley.shots.len();
+    // The mean over a cluster is over all samples, whichever reach out.
+    let tries = if matches!(emitter, Emitter::Cluster(..)) { samples.end } else { samples.end.max(TRIES) };
+    for index in samples.start..tries {
+        if index >= samples.end && volley.shots.len() > before {
+            break;
+        }
         let (point, u) = site.draw(index, set);
         if let Some(shot) = emitter.shot(sight, &point, u) {
             volley.push(shot);
