@@ -138,7 +138,7 @@ struct Preset {
     /// First shadow samples for each light; standard error of its shadows, relative to the light around.
     first_samples: u32,
     shadow_error: f32,
-    /// Samples shared among the clusters of many lights.
+    /// Samples shared among the clusters of many lights, and of each light with a texture or shaping.
     cluster_samples: u32,
 }
 

@@ -31,7 +31,7 @@ pub struct DirectParams {
     pub first_samples: u32,
     /// Standard error of the light from one emitter in a shadow, relative to all direct light around; more than 0.
     pub shadow_error: f32,
-    /// Shadow samples shared among the clusters of a cut through many polygons. At least 1.
+    /// Shadow samples shared among the clusters of a cut through many polygons, and of each polygon whose light varies. At least 1.
     pub cluster_samples: u32,
     /// Brightness samples of a sky with a picture, for each ray of the final gather; 0 leaves the sky to the gather alone.
     pub sky_ratio: f32,

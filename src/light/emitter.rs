@@ -111,6 +111,15 @@ impl Emitter {
         }
     }
 
+    /// True where its light differs over its area or by direction, so that it has noise without a shadow, too.
+    pub fn is_varied(self, sight: &Sight) -> bool {
+        let Self::Polygon(p) = self else { return false };
+        match sight.lights.polygons.polygons[p].source {
+            Source::Surface { textured, .. } => textured,
+            Source::Light { shaping } => shaping.is_some(),
+        }
+    }
+
     /// The light of one unit of the kernel, about.
     pub fn brightness(self, sight: &Sight) -> f32 {
         match self {

@@ -198,6 +198,7 @@ pub(super) fn glance(
 fn first_samples(sight: &Sight, emitter: Emitter) -> (u32, u32) {
     match emitter {
         Emitter::Cluster(_, samples) => (emitter.set(), samples),
+        _ if emitter.is_varied(sight) => (emitter.set(), sight.params.cluster_samples),
         _ => (0, sight.params.first_samples),
     }
 }
