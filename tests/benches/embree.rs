@@ -67,8 +67,6 @@ pub struct Embree {
     occluded1: Query1,
     intersect16: Query16,
     occluded16: Query16,
-    /// Keeps the code loaded.
-    _library: Library,
 }
 
 // SAFETY: Embree allows queries of a committed scene from any number of threads.
@@ -107,14 +105,16 @@ impl Embree {
             library.get::<unsafe extern "C" fn(Handle)>(b"rtcCommitGeometry\0")?(geometry);
             library.get::<unsafe extern "C" fn(Handle, Handle) -> u32>(b"rtcAttachGeometry\0")?(scene, geometry);
             library.get::<unsafe extern "C" fn(Handle)>(b"rtcCommitScene\0")?(scene);
-            Ok(Self {
+            let embree = Self {
                 scene,
                 intersect1: *library.get(b"rtcIntersect1\0")?,
                 occluded1: *library.get(b"rtcOccluded1\0")?,
                 intersect16: *library.get(b"rtcIntersect16\0")?,
                 occluded16: *library.get(b"rtcOccluded16\0")?,
-                _library: library,
-            })
+            };
+            // Its threads outlive the scene: the code must stay.
+            std::mem::forget(library);
+            Ok(embree)
         }
     }
 

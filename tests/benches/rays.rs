@@ -1,6 +1,6 @@
 //! Rays a second, beside Embree's on the same rays in the same process.
 //!
-//!     cargo bench --bench rays -- SCENE [--embree LIBRARY] [--rounds N]
+//!     cargo bench --bench rays -- SCENE [--embree LIBRARY] [--rounds N] [--only KIND]
 //!
 //! For each kind of ray, closest and any hit, one thread and two: millions of rays a second, from the least time of N rounds in
 //! which all take turns; Embree's by single rays and by packets of 16; ours over its single rays; and the share of rays on
@@ -9,6 +9,7 @@
 
 mod embree;
 
+use cpu_time::ProcessTime;
 use embree::{Embree, Span};
 use glam::Vec3;
 use lumel::sample::sequence::Stage;
@@ -33,11 +34,12 @@ struct Kind {
 
 fn main() {
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
-    let (mut scene, mut library, mut rounds) = (None, None, 5);
+    let (mut scene, mut library, mut rounds, mut only) = (None, None, 5, String::new());
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--embree" => library = arguments.next().map(PathBuf::from),
             "--rounds" => rounds = arguments.next().and_then(|n| n.parse().ok()).expect("--rounds takes a count"),
+            "--only" => only = arguments.next().expect("--only takes a kind of ray"),
             _ => scene = Some(PathBuf::from(argument)),
         }
     }
@@ -52,10 +54,10 @@ fn main() {
         embree
     });
     println!("Mray/s                threads    lumel   Embree  its packets   ratio   agree");
-    for kind in kinds(&corners, tracer.offset()) {
+    for kind in kinds(&corners, tracer.offset()).iter().filter(|k| k.name.contains(&only)) {
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            pool.install(|| compare(&kind, threads, rounds, &tracer, embree.as_ref()));
+            pool.install(|| compare(kind, threads, rounds, &tracer, embree.as_ref()));
         }
     }
 }
@@ -142,14 +144,15 @@ fn compare(kind: &Kind, threads: usize, rounds: usize, tracer: &Tracer, embree: 
         .map(|(r, s)| Segment { from: r.origin, to: r.origin + r.direction * s.length })
         .collect();
 
+    let endless: Vec<Span> = spans.iter().map(|s| Span { length: f32::INFINITY, ..*s }).collect();
     let mut hits: Vec<Option<Hit>> = vec![None; rays.len()];
     let mut theirs: [Vec<Option<u32>>; 2] = std::array::from_fn(|_| vec![None; rays.len()]);
     let [mut time, mut single, mut packets] = [f64::INFINITY; 3];
     for _ in 0..rounds {
         time = time.min(batches(&rays, &mut hits, |r, h| tracer.closest(r, h)));
         if let Some(embree) = embree {
-            single = single.min(batches(spans, &mut theirs[0], |s, h| embree.closest(s, h)));
-            packets = packets.min(batches(spans, &mut theirs[1], |s, h| embree.closest16(s, h)));
+            single = single.min(batches(&endless, &mut theirs[0], |s, h| embree.closest(s, h)));
+            packets = packets.min(batches(&endless, &mut theirs[1], |s, h| embree.closest16(s, h)));
         }
     }
     let agree = hits.iter().zip(&theirs[0]).filter(|(a, b)| a.map(|h| h.triangle) == **b).count();
@@ -158,9 +161,9 @@ fn compare(kind: &Kind, threads: usize, rounds: usize, tracer: &Tracer, embree: 
     let mut blocked = vec![false; rays.len()];
     let mut theirs = [blocked.clone(), blocked.clone()];
     let [mut time, mut single, mut packets] = [f64::INFINITY; 3];
-    let endless = spans[0].length == f32::INFINITY;
+    let whole = spans[0].length == f32::INFINITY;
     for _ in 0..rounds {
-        time = time.min(if endless {
+        time = time.min(if whole {
             batches(&rays, &mut blocked, |r, b| tracer.occluded_rays(r, b))
         } else {
             batches(&segments, &mut blocked, |s, b| tracer.occluded(s, b))
@@ -174,9 +177,12 @@ fn compare(kind: &Kind, threads: usize, rounds: usize, tracer: &Tracer, embree: 
     show(kind, "any", threads, [time, single, packets], agree);
 }
 
-/// Seconds that `query` takes for all of `queries`, by batches, over the pool's threads.
+/// Seconds that `query` takes for all of `queries`, by batches, over the pool's threads: of processor time, which others on the
+/// machine disturb less.
 fn batches<Q: Sync, A: Send>(queries: &[Q], answers: &mut [A], query: impl Fn(&[Q], &mut [A]) + Sync) -> f64 {
-    timed(|| queries.par_chunks(BATCH).zip(answers.par_chunks_mut(BATCH)).for_each(|(q, a)| query(q, a))).1
+    let start = ProcessTime::now();
+    queries.par_chunks(BATCH).zip(answers.par_chunks_mut(BATCH)).for_each(|(q, a)| query(q, a));
+    start.elapsed().as_secs_f64() / rayon::current_num_threads() as f64
 }
 
 fn show(kind: &Kind, query: &str, threads: usize, [time, single, packets]: [f64; 3], agree: usize) {
