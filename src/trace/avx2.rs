@@ -186,5 +186,9 @@ fn on_edges<const ANY: bool>(
     best: &mut Nearest,
 ) -> bool {
     let lanes = (0..WIDTH).filter(|lane| lanes >> lane & 1 != 0);
-    lanes.fold(false, |found, lane| best.test::<ANY>(line, block, index, lane, offset) || found)
+    let mut found = false;
+    for lane in lanes {
+        found |= best.test::<ANY>(line, block, index, lane, offset);
+    }
+    found
 }

@@ -8,6 +8,8 @@ mod avx2;
 mod avx512;
 mod binary;
 mod path;
+#[cfg(test)]
+mod tests;
 mod tracer;
 mod traverse;
 mod watertight;

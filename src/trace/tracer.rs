@@ -42,8 +42,7 @@ impl Tracer {
         let largest = corners.iter().flatten().flatten().fold(0.0f32, |m, c| m.max(c.abs()));
         let mirrored = scene.surfaces.iter().map(|s| s.is_mirrored()).collect();
         let wide = Wide::new(&corners);
-        let path = std::env::var("P")
-            .map_or(*Path::available().last().unwrap(), |p| Path::available()[p.parse::<usize>().unwrap()]);
+        let path = *Path::available().last().expect("the portable path at least");
         Self { wide, path, first, surface, mirrored, offset: largest * ORIGIN_OFFSET, largest }
     }
 

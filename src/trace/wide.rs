@@ -124,6 +124,9 @@ impl<'a> Collapse<'a> {
     fn children(&self, i: usize) -> Vec<usize> {
         let mut children = Vec::with_capacity(WIDTH);
         self.split(i, WIDTH, &mut children);
+        // Any hit visits the last child first: blocks, the largest one first, which are the likeliest to end the search.
+        let area = |c: usize| self.binary[c].aabb.half_area();
+        children.sort_by(|&a, &b| self.is_block(a).cmp(&self.is_block(b)).then(area(a).total_cmp(&area(b))));
         children
     }
 
@@ -164,9 +167,9 @@ impl<'a> Collapse<'a> {
         let mut block = Block { corners: [[[f32::NAN; WIDTH]; 3]; 3], numbers: [u32::MAX; WIDTH] };
         let below = &self.binary[i..i + 2 * self.binary[i].count as usize - 1];
         for (lane, leaf) in below.iter().filter(|n| n.count == 1).enumerate() {
-            for (corner, position) in self.triangles[leaf.triangle as usize].iter().enumerate() {
-                for axis in 0..3 {
-                    block.corners[corner][axis][lane] = position[axis];
+            for (corner, position) in block.corners.iter_mut().zip(&self.triangles[leaf.triangle as usize]) {
+                for (axis, coordinate) in corner.iter_mut().zip(position) {
+                    axis[lane] = *coordinate;
                 }
             }
             block.numbers[lane] = leaf.triangle;
