@@ -1,5 +1,5 @@
 //! The traversal with AVX-512: near and far planes of eight children share a register, and so does the sorting of those met.
-// Loads, and indices unchecked in the tree: a tenth of the time of a ray.
+// Loads and stores of registers; indices into the tree unchecked, which is worth 2 % of a ray's time.
 #![allow(unsafe_code)]
 
 use super::avx2::Triangles;
