@@ -155,8 +155,15 @@ impl Triangles {
         let counted = if ANY { t } else { _mm256_blendv_ps(t, _mm256_add_ps(t, _mm256_set1_ps(offset)), back) };
         let ahead =
             _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(t, zero), _mm256_cmp_ps::<_CMP_NEQ_OQ>(determinant, zero));
-        let near = _mm256_cmp_ps::<_CMP_LE_OQ>(counted, _mm256_set1_ps(best.t));
+        let reach = _mm256_set1_ps(best.t);
+        let near =
+            if ANY { _mm256_cmp_ps::<_CMP_LT_OQ>(counted, reach) } else { _mm256_cmp_ps::<_CMP_LE_OQ>(counted, reach) };
         let mut hit = crossed & !on_edge & _mm256_movemask_ps(_mm256_and_ps(ahead, near)) as u32;
+        if ANY && hit != 0 {
+            // Which one doesn't matter.
+            best.number = block.numbers[hit.trailing_zeros() as usize & (WIDTH - 1)];
+            return true;
+        }
         let mut found = false;
         let mut distances = [0.0f32; WIDTH];
         // SAFETY: eight numbers.
