@@ -2,10 +2,10 @@
 //!
 //!     cargo bench --bench rays -- SCENE [--embree LIBRARY] [--rounds N] [--only KIND]
 //!
-//! For each kind of ray, closest and any hit, one thread and two: millions of rays a second of processor time a thread (times the threads),
-//! from the least time of N rounds in which all take turns; Embree's by single rays and by packets of 16; ours over its single rays; and the share of rays on
-//! which both agree (coincident surfaces and backs, which count as farther here, part them). Embree is built robust and at high
-//! quality. Without a library ours stand alone.
+//! For each kind of ray, closest and any hit, one thread and two: millions of rays a second, by processor time, from the least
+//! time of N rounds in which all take turns; Embree's by single rays and by packets of 16; ours over its single rays; and the
+//! share of rays on which both agree (coincident surfaces and backs, which count as farther here, part them). Embree is built
+//! robust and at high quality. Without a library ours stand alone.
 
 mod embree;
 
