@@ -329,7 +329,7 @@ fn of_two_walls_in_one_plane_the_one_that_faces_is_hit() {
 
 #[test]
 fn a_wall_right_beside_the_origin_is_not_missed() {
-    // obvhs alone would skip boxes that are left before 1e-4.
+    // In metres no box is too near to count.
     let floor = support::Quad::new([0., 0., 0.], [0., 0., 3.], [2., 0., 0.]);
     let tracer = Tracer::new(&support::scene(&[floor]));
     for height in [1e-1, 1e-2, 1e-3, 1e-4, 6e-5] {

@@ -2,12 +2,22 @@
 //!
 //! Queries come in batches, so that packets, SIMD and other devices fit behind the same calls.
 
-mod cpu;
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod binary;
+mod path;
+#[cfg(test)]
+mod tests;
+mod tracer;
+mod traverse;
 mod watertight;
+mod wide;
 
 use glam::Vec3;
 
-pub use cpu::Tracer;
+pub use tracer::Tracer;
 
 /// A half line; `direction` is unit, so `t` is in metres.
 #[derive(Clone, Copy, Debug)]

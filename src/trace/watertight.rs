@@ -9,9 +9,9 @@ use glam::Vec3;
 /// What a ray needs for the test, once a ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shear {
-    origin: [f32; 3],
-    axes: [usize; 3],
-    shear: [f32; 3],
+    pub origin: [f32; 3],
+    pub axes: [usize; 3],
+    pub shear: [f32; 3],
 }
 
 /// A crossing: the distance and the weights of corners 1 and 2, and whether the front faces the ray.
@@ -23,6 +23,7 @@ pub(super) struct Crossing {
 }
 
 impl Shear {
+    #[inline(always)]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         let d = direction.to_array();
         let size = direction.abs().to_array();
@@ -54,15 +55,19 @@ impl Shear {
         let mut u = c[0] * b[1] - c[1] * b[0];
         let mut v = a[0] * c[1] - a[1] * c[0];
         let mut w = b[0] * a[1] - b[1] * a[0];
+        let apart = |u: f32, v: f32, w: f32| (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+        if apart(u, v, w) {
+            return None;
+        }
         if u == 0.0 || v == 0.0 || w == 0.0 {
             let exact =
                 |p: f32, q: f32, r: f32, s: f32| (f64::from(p) * f64::from(q) - f64::from(r) * f64::from(s)) as f32;
             u = exact(c[0], b[1], c[1], b[0]);
             v = exact(a[0], c[1], a[1], c[0]);
             w = exact(b[0], a[1], b[1], a[0]);
-        }
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
+            if apart(u, v, w) {
+                return None;
+            }
         }
         let determinant = u + v + w;
         if determinant == 0.0 {

@@ -1,0 +1,180 @@
+//! A bounding volume hierarchy eight children wide, laid out for SIMD.
+//!
+//! A binary tree (`binary`) is collapsed to the cheapest tree of wide nodes and blocks of triangles, by dynamic programming over
+//! the number of subtrees that a subtree is split into: Ylitie, Karras, Laine 2017, "Efficient Incoherent Ray Traversal on GPUs
+//! Through Compressed Wide BVHs", section 3.1. Our nodes aren't compressed.
+
+use super::binary;
+
+/// Children of a node, and triangles in a block: the lanes of AVX2.
+pub(super) const WIDTH: usize = 8;
+
+/// The boxes of up to eight children, by axis, lower and upper side, and child. A child that is absent has an empty box.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Node {
+    pub bounds: [[[f32; WIDTH]; 2]; 3],
+    pub children: [Child; WIDTH],
+}
+
+/// Up to eight triangles, by corner, axis and triangle: a leaf. Triangles that are absent have corners that no ray hits, NaN.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Block {
+    pub corners: [[[f32; WIDTH]; 3]; 3],
+    /// Number of each triangle over all surfaces.
+    pub numbers: [u32; WIDTH],
+}
+
+/// The index of a node, or of a block where the highest bit is set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(transparent)]
+pub(super) struct Child(pub u32);
+
+/// The tree.
+#[derive(Debug)]
+pub(super) struct Wide {
+    /// Parents before children; the first is the root, even over a single block or nothing.
+    pub nodes: Vec<Node>,
+    pub blocks: Vec<Block>,
+    /// Levels of nodes.
+    pub depth: usize,
+}
+
+/// What it costs to test a block, beside a node: it decides how many triangles share one.
+const BLOCK_COST: f32 = 1.0;
+
+impl Child {
+    pub const ROOT: Self = Self(0);
+    const BLOCK: u32 = 1 << 31;
+
+    pub fn is_block(self) -> bool {
+        self.0 & Self::BLOCK != 0
+    }
+
+    pub fn index(self) -> usize {
+        (self.0 & !Self::BLOCK) as usize
+    }
+}
+
+impl Block {
+    #[inline(always)]
+    pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
+        let [a, b, c] = &self.corners;
+        let of = |corner: &[[f32; WIDTH]; 3]| [corner[0][lane], corner[1][lane], corner[2][lane]];
+        [of(a), of(b), of(c)]
+    }
+}
+
+impl Wide {
+    /// The tree over triangles given by their corners.
+    pub fn new(triangles: &[[[f32; 3]; 3]]) -> Self {
+        let nodes = binary::build(triangles);
+        let collapse = Collapse::new(&nodes, triangles);
+        let mut wide = Self { nodes: Vec::new(), blocks: Vec::new(), depth: 0 };
+        let children = match nodes.len() {
+            0 => vec![],
+            _ if collapse.is_block(0) => vec![0],
+            _ => collapse.children(0),
+        };
+        collapse.emit(&children, 1, &mut wide);
+        wide
+    }
+}
+
+/// The least costs of the subtrees of a binary tree.
+struct Collapse<'a> {
+    binary: &'a [binary::Node],
+    triangles: &'a [[[f32; 3]; 3]],
+    /// `cost[n][k - 1]`: the least cost of node n's triangles as at most k subtrees, each a wide node or a block.
+    cost: Vec<[f32; WIDTH]>,
+}
+
+impl<'a> Collapse<'a> {
+    fn new(binary: &'a [binary::Node], triangles: &'a [[[f32; 3]; 3]]) -> Self {
+        let mut cost = vec![[0.0; WIDTH]; binary.len()];
+        for (i, node) in binary.iter().enumerate().rev() {
+            let area = node.aabb.half_area();
+            let Some([l, r]) = node.halves(i) else {
+                cost[i] = [area * BLOCK_COST; WIDTH];
+                continue;
+            };
+            let [left, right] = [cost[l], cost[r]];
+            let split = |k: usize| (1..k).map(|j| left[j - 1] + right[k - j - 1]).fold(f32::INFINITY, f32::min);
+            let mut least = area + split(WIDTH);
+            if node.count as usize <= WIDTH {
+                least = least.min(area * BLOCK_COST);
+            }
+            cost[i][0] = least;
+            for k in 2..=WIDTH {
+                least = least.min(split(k));
+                cost[i][k - 1] = least;
+            }
+        }
+        Self { binary, triangles, cost }
+    }
+
+    /// As one subtree, node `i` is a block.
+    fn is_block(&self, i: usize) -> bool {
+        let node = &self.binary[i];
+        node.count as usize <= WIDTH && self.cost[i][0] == node.aabb.half_area() * BLOCK_COST
+    }
+
+    /// The binary nodes that become the children of wide node `i`.
+    fn children(&self, i: usize) -> Vec<usize> {
+        let mut children = Vec::with_capacity(WIDTH);
+        self.split(i, WIDTH, &mut children);
+        // Any hit visits the last child first: blocks, the largest one first, which are the likeliest to end the search.
+        let area = |c: usize| self.binary[c].aabb.half_area();
+        children.sort_by(|&a, &b| self.is_block(a).cmp(&self.is_block(b)).then(area(a).total_cmp(&area(b))));
+        children
+    }
+
+    /// Splits node `i` into `k` subtrees, at the least cost.
+    fn split(&self, i: usize, k: usize, out: &mut Vec<usize>) {
+        let Some([l, r]) = self.binary[i].halves(i) else { return out.push(i) };
+        let cost = |j: usize| self.cost[l][j - 1] + self.cost[r][k - j - 1];
+        let j = (1..k).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).expect("at least two subtrees");
+        for (half, mut k) in [(l, j), (r, k - j)] {
+            while k > 1 && self.cost[half][k - 2] <= self.cost[half][k - 1] {
+                k -= 1;
+            }
+            if k == 1 { out.push(half) } else { self.split(half, k, out) }
+        }
+    }
+
+    /// Writes the wide node with these children and all below it.
+    fn emit(&self, children: &[usize], depth: usize, wide: &mut Wide) -> Child {
+        let index = wide.nodes.len();
+        let mut bounds = [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3];
+        for (lane, &c) in children.iter().enumerate() {
+            let aabb = self.binary[c].aabb;
+            for (axis, [low, high]) in bounds.iter_mut().enumerate() {
+                (low[lane], high[lane]) = (aabb.low[axis], aabb.high[axis]);
+            }
+        }
+        wide.nodes.push(Node { bounds, children: [Child::default(); WIDTH] });
+        wide.depth = wide.depth.max(depth);
+        for (lane, &c) in children.iter().enumerate() {
+            let child =
+                if self.is_block(c) { self.block(c, wide) } else { self.emit(&self.children(c), depth + 1, wide) };
+            wide.nodes[index].children[lane] = child;
+        }
+        Child(index as u32)
+    }
+
+    fn block(&self, i: usize, wide: &mut Wide) -> Child {
+        let mut block = Block { corners: [[[f32::NAN; WIDTH]; 3]; 3], numbers: [u32::MAX; WIDTH] };
+        let below = &self.binary[i..i + 2 * self.binary[i].count as usize - 1];
+        for (lane, leaf) in below.iter().filter(|n| n.count == 1).enumerate() {
+            for (corner, position) in block.corners.iter_mut().zip(&self.triangles[leaf.triangle as usize]) {
+                for (axis, coordinate) in corner.iter_mut().zip(position) {
+                    axis[lane] = *coordinate;
+                }
+            }
+            block.numbers[lane] = leaf.triangle;
+        }
+        wide.blocks.push(block);
+        Child(Child::BLOCK | (wide.blocks.len() - 1) as u32)
+    }
+}
