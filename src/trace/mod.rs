@@ -6,7 +6,6 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
-mod binary;
 mod path;
 #[cfg(test)]
 mod tests;

@@ -2,6 +2,7 @@
 
 use super::path::Path;
 use super::traverse::Line;
+use super::wide::Wide;
 use super::{Hit, Ray, Segment, Tracer};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::scene::{Mesh, Scene, Surface, SurfaceOrigin};
@@ -199,5 +200,22 @@ fn neither_order_nor_batch_shows() {
             parts.extend(answers(&mut tracer, path, part, 0.3));
         }
         assert!(whole == turned && whole == parts, "{path:?}");
+    }
+}
+
+#[test]
+fn walls_at_either_end_of_a_scene_share_no_box() {
+    let wall = |x: f32| {
+        let at = move |i: usize, j: usize| Vec3::new(x, i as f32, j as f32);
+        let quads = (0..64 * 64).map(|k| (k / 64, k % 64));
+        quads.flat_map(move |(i, j)| {
+            [[at(i, j), at(i, j + 1), at(i + 1, j)], [at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)]]
+        })
+    };
+    let triangles: Vec<_> = wall(0.0).chain(wall(64.0)).map(|t| t.map(|p| p.to_array())).collect();
+    let wide = Wide::new(&triangles);
+    for node in &wide.nodes {
+        let [low, high] = &node.bounds[0];
+        assert!(low.iter().zip(high).all(|(l, h)| h - l < 1.0), "{low:?} {high:?}");
     }
 }

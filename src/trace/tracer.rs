@@ -15,6 +15,7 @@ pub struct Tracer {
     first: Vec<u32>,
     /// Surface of each triangle number.
     surface: Vec<u32>,
+    /// Whether each surface is mirrored; empty where none is, so that hits needn't look up theirs.
     mirrored: Vec<bool>,
     /// Distance by which ray origins are kept off surfaces [m].
     offset: f32,
@@ -40,7 +41,10 @@ impl Tracer {
         }
         first.push(corners.len() as u32);
         let largest = corners.iter().flatten().flatten().fold(0.0f32, |m, c| m.max(c.abs()));
-        let mirrored = scene.surfaces.iter().map(|s| s.is_mirrored()).collect();
+        let mut mirrored: Vec<bool> = scene.surfaces.iter().map(|s| s.is_mirrored()).collect();
+        if !mirrored.contains(&true) {
+            mirrored.clear();
+        }
         let wide = Wide::new(&corners);
         let path = *Path::available().last().expect("the portable path at least");
         Self { wide, path, first, surface, mirrored, offset: largest * ORIGIN_OFFSET, largest }
@@ -114,7 +118,7 @@ impl Tracer {
         let triangle = self.wide.blocks[nearest.block].triangle(nearest.lane);
         let crossing = line.shear.intersect(&triangle).expect("a triangle that was hit");
         let [v, w] = crossing.barycentric;
-        let mirrored = self.mirrored[self.surface[nearest.number as usize] as usize];
+        let mirrored = !self.mirrored.is_empty() && self.mirrored[self.surface[nearest.number as usize] as usize];
         let barycentric = if mirrored { [w, v] } else { [v, w] };
         Hit { t: nearest.t, triangle: nearest.number, barycentric, back: !crossing.front }
     }
