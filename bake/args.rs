@@ -293,9 +293,10 @@ pub struct SolverArgs {
     /// Add the ambient term for light that is not shot yet (progressive) [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub ambient: Option<bool>,
-    /// How texels read the solution; final: over their own hemisphere; none: as their element has it, which is coarse unless
-    /// --elements is as fine as the texels [default: final]
-    #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["final", "none"]))]
+    /// How texels get their light; blocks: together, as many as the light varies slowly over, to the --error that is asked for;
+    /// final: each over its own hemisphere, slower, the reference for the former; none: as their element has it, which is coarse
+    /// unless --elements is as fine as the texels [default: blocks, or final where an option asks for elements or --samples]
+    #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["auto", "blocks", "final", "none"]))]
     pub gather: Option<String>,
 }
 
@@ -308,6 +309,14 @@ pub struct EffortArgs {
     /// reference for the other [default: radiosity]
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path"]))]
     pub method: Option<String>,
+    /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area
+    /// averages, without the worst 1 % of texels [0.05%..50%; default: 5%, 2%, 1% or 0.5% by --quality]
+    #[arg(long, value_name = "PERCENT")]
+    pub error: Option<String>,
+    /// Time for the whole bake: the best result within it, or within --error sooner; results then depend on the machine [s;
+    /// 0.1..1000000]
+    #[arg(long, value_name = "SECONDS")]
+    pub time_budget: Option<f64>,
     /// Interreflections counted; 0: direct light only [0..100; default: until the solution has converged]
     #[arg(long, value_name = "N")]
     pub max_bounces: Option<u32>,

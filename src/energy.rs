@@ -2,16 +2,14 @@
 //!
 //! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
 //! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
-//! by no texel; their part comes from the solution over elements. Parts of texels that lie inside other geometry don't count.
+//! by no texel; their part comes from [`Backs`], as far as the rest of the scene sees them. Parts of texels that lie inside other geometry don't count.
 //!
 //! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
 //! balance says less than with geometric normals.
 
-use crate::gather::Gathered;
+use crate::gather::{Backs, Gathered};
 use crate::light::{Direct, Lit};
 use crate::post::{Lightmap, Quantity};
-use crate::solve::Solution;
-use crate::transport::Elements;
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -36,8 +34,7 @@ pub struct EnergyBalance {
 pub struct Bake<'a> {
     pub lit: Lit<'a>,
     pub direct: &'a Direct,
-    pub elements: &'a Elements,
-    pub solution: &'a Solution,
+    pub backs: &'a Backs,
     pub gathered: &'a Gathered,
 }
 
@@ -60,20 +57,19 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
         };
         absorbed += area * (DVec3::ONE - rho) * irradiance;
         escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
-        let back = bake.elements.back_of[i];
+        let back = bake.backs.of_patch[i];
         if back != crate::patch::NONE {
             emitted += whole * emittance;
-            escaped += whole * (1.0 - f64::from(bake.solution.landed_share[back as usize])) * emittance;
+            escaped += whole * (1.0 - f64::from(bake.backs.landed_share[back as usize])) * emittance;
         }
     }
-    for e in (0..bake.elements.len()).filter(|&e| bake.elements.back[e]) {
-        let area = f64::from(bake.elements.area[e]);
-        let rho = bake.elements.albedo[e].as_dvec3();
-        let irradiance = bake.solution.irradiance[e].as_dvec3();
-        backs += area * (DVec3::ONE - rho) * irradiance;
-        escaped += area * (1.0 - f64::from(bake.solution.landed_share[e])) * rho * irradiance;
+    let all = bake.backs;
+    for (b, area) in all.area.iter().enumerate() {
+        let (rho, received) = (all.albedo[b].as_dvec3(), f64::from(*area) * all.irradiance[b].as_dvec3());
+        backs += (DVec3::ONE - rho) * received;
+        escaped += (1.0 - f64::from(all.landed_share[b])) * rho * received;
     }
-    let inflow = bake.direct.inflow + bake.gathered.sky_inflow + bake.solution.inflow;
+    let inflow = bake.direct.inflow + bake.gathered.sky_inflow + bake.backs.inflow;
     let (into, out) = (emitted + inflow, absorbed + backs + escaped);
     EnergyBalance {
         emitted: emitted.to_array(),

@@ -36,7 +36,7 @@ pub struct Gathered {
     pub irradiance: Vec<Rgb>,
     /// Standard error of `irradiance`, estimated from two halves of the rays; zero without a gather [lx].
     pub standard_error: Vec<Rgb>,
-    /// The part that the gather found [lx].
+    /// The part that the gather found [lx]. This and `sky` and `standard_error` may be left empty where no layer needs them.
     pub indirect: Vec<Rgb>,
     /// The part of that which comes straight from the sky [lx].
     pub sky: Vec<Rgb>,
@@ -49,6 +49,36 @@ pub struct Gathered {
     /// The sky's part that the gather found, as flux over all patches [lm].
     pub sky_inflow: glam::DVec3,
     pub rays: u64,
+}
+
+/// Light on the backs of double-sided surfaces, which no texel shows, by group of patches: for the energy balance.
+#[derive(Clone, Debug, Default)]
+pub struct Backs {
+    /// The group of each patch's back, [`NONE`] where it has none or nothing sees it.
+    pub of_patch: Vec<u32>,
+    /// Area [m^2], mean albedo and irradiance [lx] of each group.
+    pub area: Vec<f32>,
+    pub albedo: Vec<Rgb>,
+    pub irradiance: Vec<Rgb>,
+    /// The share of the light leaving each that lands on something that can send light back.
+    pub landed_share: Vec<f32>,
+    /// Light straight from the sky and from lights that are no surface, as flux over all [lm].
+    pub inflow: glam::DVec3,
+}
+
+impl Backs {
+    /// Those among `elements`.
+    pub fn of_elements(elements: &Elements, solution: &Solution) -> Self {
+        let area = |e: usize| if elements.back[e] { elements.area[e] } else { 0.0 };
+        Self {
+            of_patch: elements.back_of.clone(),
+            area: (0..elements.len()).map(area).collect(),
+            albedo: elements.albedo.clone(),
+            irradiance: solution.irradiance.clone(),
+            landed_share: solution.landed_share.clone(),
+            inflow: solution.inflow,
+        }
+    }
 }
 
 /// What patches send out, as hits read it [lm/m^2].
@@ -158,7 +188,7 @@ pub fn gather(
     let area: f64 = lit.exposure.area.iter().map(|a| f64::from(*a)).sum();
     let noise = if sum > 0.0 { (squares / area).sqrt() / (sum / area) } else { 0.0 };
     Ok(Gathered {
-        irradiance: collected.iter().zip(&direct.shown).map(|(c, d)| *d + c.mean()).collect(),
+        irradiance: collected.iter().zip(direct.shown.iter()).map(|(c, d)| *d + c.mean()).collect(),
         standard_error: collected.iter().map(|c| 0.5 * (c.halves[0] - c.halves[1]).abs()).collect(),
         indirect: collected.iter().map(Collected::mean).collect(),
         sky: collected.iter().map(|c| c.sky).collect(),
@@ -195,7 +225,7 @@ pub fn read_elements(
     let sky: Vec<Rgb> = (0..n).map(|i| element(i).map_or(Rgb::ZERO, of_sky)).collect();
     let flux = |i: usize| sky[i].as_dvec3() * f64::from(lit.exposure.area[i]);
     Ok(Gathered {
-        irradiance: indirect.iter().zip(&direct.shown).map(|(i, d)| *i + *d).collect(),
+        irradiance: indirect.iter().zip(direct.shown.iter()).map(|(i, d)| *i + *d).collect(),
         standard_error: vec![Rgb::ZERO; n],
         parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
         landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e - e % step).landed_share)).collect(),

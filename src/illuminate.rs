@@ -1,9 +1,10 @@
 //! The light of a scene in memory: rasterize, direct, solve, gather, post, in order; or rasterize, trace, post.
 
 use crate::Result;
+use crate::blocks::{Exchanged, exchange};
 use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
-use crate::gather::{Gathered, Sources, gather, read_elements};
+use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
 use crate::light::{Direct, Lights, Lit, direct};
 use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{Emission, Ground, Patches, Reflectance, rasterize, reflectance::reflectance};
@@ -17,6 +18,7 @@ use crate::trace::Tracer;
 use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
 use crate::write::{dump::Dump, watch::WatchFolder};
+use std::sync::Arc;
 
 /// A scene with its light, and all that led to it.
 pub struct Illuminated {
@@ -25,9 +27,12 @@ pub struct Illuminated {
     pub emission: Emission,
     pub exposure: Exposure,
     pub direct: Direct,
+    /// Empty where light was exchanged between blocks.
     pub elements: Elements,
     pub solution: Solution,
     pub gathered: Gathered,
+    /// How it was exchanged between blocks, where it was.
+    pub exchanged: Option<Exchanged>,
     pub lightmap: Lightmap,
     pub energy: EnergyBalance,
 }
@@ -58,31 +63,57 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lights: &lights,
         params: &settings.direct_params(),
     };
-    let elements = Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let Found { direct, solution, gathered } = match settings.method {
-        Method::Radiosity => radiosity(&lit, &elements, settings, &dump, progress)?,
-        Method::Path => paths(&lit, &elements, settings, &dump, progress)?,
+    let elements = || Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
+    let Found { direct, elements, solution, gathered, backs, exchanged } = match (settings.method, settings.gather()) {
+        (Method::Path, _) => paths(&lit, elements(), settings, &dump, progress)?,
+        (Method::Radiosity, Gather::Blocks) => by_blocks(&lit, settings, &dump, progress)?,
+        (Method::Radiosity, _) => by_elements(&lit, elements(), settings, &dump, progress)?,
     };
 
     progress.begin("post", 0);
     let mut lightmap = finish(&lit, &gathered.irradiance, settings.quantity);
     lightmap.layers = layers(&lit, &direct, &gathered, &settings.layers, settings.quantity);
-    let bake = energy::Bake { lit, direct: &direct, elements: &elements, solution: &solution, gathered: &gathered };
+    let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered };
     let energy = balance(&bake, &lightmap, !settings.float);
-    Ok(Illuminated { patches, reflectance, emission, exposure, direct, elements, solution, gathered, lightmap, energy })
+    Ok(Illuminated {
+        patches,
+        reflectance,
+        emission,
+        exposure,
+        direct,
+        elements,
+        solution,
+        gathered,
+        exchanged,
+        lightmap,
+        energy,
+    })
 }
 
 /// The light of all texels, and how it was found.
 struct Found {
     direct: Direct,
+    elements: Elements,
     solution: Solution,
     gathered: Gathered,
+    backs: Backs,
+    exchanged: Option<Exchanged>,
 }
 
-/// The light by radiosity.
-fn radiosity(
+/// The light by radiosity between blocks of texels.
+fn by_blocks(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+    let direct = direct(lit, progress)?;
+    dump.patches("direct", lit.ground, |i| direct.shown[i])?;
+    let (gathered, backs, exchanged) = exchange(lit, &direct, &settings.block_params(), progress)?;
+    dump.patches("indirect", lit.ground, |i| gathered.irradiance[i] - direct.shown[i])?;
+    let (elements, solution) = (Elements::default(), Solution::default());
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: Some(exchanged) })
+}
+
+/// The light by radiosity between elements, and a gather.
+fn by_elements(
     lit: &Lit,
-    elements: &Elements,
+    elements: Elements,
     settings: &Settings,
     dump: &Dump,
     progress: &dyn Progress,
@@ -95,39 +126,41 @@ fn radiosity(
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
 
     let params = settings.solve_params(elements.len());
-    let probes = Probes::new(elements, *lit, params.transport.probe_rays);
+    let probes = Probes::new(&elements, *lit, params.transport.probe_rays);
     let pages = settings.watch.as_deref().map(|folder| WatchFolder::new(folder, lit, &direct, settings.quantity));
     let mut show = |iteration: u64, received: &[Rgb]| match &pages {
         Some(pages) => pages.show(iteration, lit, |i| direct.shown[i] + elements.read(received, i)),
         None => Ok(()),
     };
     let watch = settings.watch.is_some().then_some(Watch { every: settings.watch_every, show: &mut show });
-    let solution = solve(elements, lit, &probes, &direct, &params, watch, progress)?;
+    let solution = solve(&elements, lit, &probes, &direct, &params, watch, progress)?;
     dump.patches("solution", lit.ground, |i| elements.read(&solution.irradiance, i))?;
 
-    let gathered = match settings.gather {
-        Gather::Final => {
-            let sources = Sources::new(lit, &direct, elements, &solution, settings.max_bounces);
+    let gathered = match settings.gather() {
+        Gather::None => read_elements(lit, &elements, &probes, &direct, &solution, progress)?,
+        _ => {
+            let sources = Sources::new(lit, &direct, &elements, &solution, settings.max_bounces);
             gather(lit, &sources, &direct, &settings.gather_params(), progress)?
         }
-        Gather::None => read_elements(lit, elements, &probes, &direct, &solution, progress)?,
     };
     dump.patches("indirect", lit.ground, |i| gathered.indirect[i])?;
-    Ok(Found { direct, solution, gathered })
+    drop(probes);
+    let backs = Backs::of_elements(&elements, &solution);
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None })
 }
 
 /// The light by paths. What comes straight from the sky counts as direct light here; of the elements, only the backs get light.
-fn paths(lit: &Lit, elements: &Elements, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
     let params = settings.path_params();
     let traced = trace(lit, &params, progress)?;
-    let backs = trace_backs(lit, elements, &params, progress)?;
+    let backs = trace_backs(lit, &elements, &params, progress)?;
     dump.patches("direct", lit.ground, |i| traced.direct[i])?;
     dump.patches("error", lit.ground, |i| traced.standard_error[i])?;
     let noise = traced.noise(lit.exposure);
     let indirect: Vec<Rgb> = traced.irradiance.iter().zip(&traced.direct).map(|(e, d)| *e - *d).collect();
     dump.patches("indirect", lit.ground, |i| indirect[i])?;
-    let direct =
-        Direct { transport: traced.direct.clone(), shown: traced.direct, inflow: traced.inflow, rays: traced.rays };
+    let shown = Arc::new(traced.direct);
+    let direct = Direct { transport: Arc::clone(&shown), shown, inflow: traced.inflow, rays: traced.rays };
     let gathered = Gathered {
         sky: vec![Rgb::ZERO; traced.irradiance.len()],
         irradiance: traced.irradiance,
@@ -146,5 +179,6 @@ fn paths(lit: &Lit, elements: &Elements, settings: &Settings, dump: &Dump, progr
         rays: backs.rays,
         ..Solution::default()
     };
-    Ok(Found { direct, solution, gathered })
+    let backs = Backs::of_elements(&elements, &solution);
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None })
 }

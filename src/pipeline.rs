@@ -2,12 +2,12 @@
 
 use crate::error::{Error, Result, Warnings};
 use crate::folder;
-use crate::illuminate::illuminate;
+use crate::illuminate::{Illuminated, illuminate};
 use crate::load::{self, Loaded, image};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
-use crate::report::{Clock, Input, SolverReport, peak_memory, refuse_other_bake};
+use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Environment;
 use crate::settings::{Method, RESIDUAL, Settings};
 use crate::unwrap::{self, Atlas};
@@ -43,19 +43,13 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.buried_texels = lit.exposure.buried_count();
     report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
     report.noise = lit.gathered.noise;
-    if settings.method == Method::Radiosity {
-        report.solver = Some(SolverReport {
-            name: lit.solution.solver.name(),
-            form_factors: settings.form_factors,
-            elements: lit.elements.len(),
-            samples: lit.solution.segments,
-            iterations: lit.solution.exchange.iterations,
-            residual: lit.solution.exchange.residual,
-            unshot: lit.solution.exchange.unshot,
-            links: lit.solution.exchange.links,
-            steps: lit.solution.exchange.steps.clone(),
-        });
-    }
+    report.solver = solver_report(&lit, settings);
+    report.error = lit.exchanged.map(|e| ErrorReport {
+        aimed: 100.0 * settings.block_params().error,
+        estimated: 100.0 * e.noise.hypot(e.bias),
+        noise: 100.0 * e.noise,
+        bias: 100.0 * e.bias,
+    });
     report.energy = lit.energy;
     if lit.solution.blocked_share > 0.0 {
         let message =
@@ -68,6 +62,35 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     }
     warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
+}
+
+/// How the light between surfaces was solved; `None` where paths were traced.
+fn solver_report(lit: &Illuminated, settings: &Settings) -> Option<SolverReport> {
+    if settings.method == Method::Path {
+        return None;
+    }
+    if let Some(exchanged) = &lit.exchanged {
+        return Some(SolverReport {
+            name: "links",
+            elements: exchanged.blocks,
+            samples: exchanged.links,
+            iterations: exchanged.sweeps,
+            residual: exchanged.residual,
+            ..SolverReport::default()
+        });
+    }
+    let exchange = &lit.solution.exchange;
+    Some(SolverReport {
+        name: lit.solution.solver.name(),
+        form_factors: settings.form_factors,
+        elements: lit.elements.len(),
+        samples: lit.solution.segments,
+        iterations: exchange.iterations,
+        residual: exchange.residual,
+        unshot: exchange.unshot,
+        links: exchange.links,
+        steps: exchange.steps.clone(),
+    })
 }
 
 /// Says where a bake should not be trusted as it is.

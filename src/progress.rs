@@ -1,6 +1,7 @@
 //! How a running stage tells its caller where it is, and learns that it should stop.
 
 use crate::error::{Error, Result};
+use std::time::Duration;
 
 /// Receives progress and answers whether to stop. Called from many threads at once.
 pub trait Progress: Sync {
@@ -10,6 +11,11 @@ pub trait Progress: Sync {
     fn advance(&self, units: u64);
     /// True once the caller wants the run to end. Stages look at it at least every 100 ms.
     fn cancelled(&self) -> bool;
+
+    /// Time since the run began, as far as it is known.
+    fn elapsed(&self) -> Duration {
+        Duration::ZERO
+    }
 
     /// `Err(Cancelled)` once the caller wants the run to end.
     fn check(&self) -> Result<()> {

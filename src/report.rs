@@ -38,10 +38,27 @@ pub struct Report {
     pub solver: Option<SolverReport>,
     /// Noise of the gathered light over all texels, root mean square over mean irradiance.
     pub noise: f64,
+    /// What error is estimated to be left; absent where blocks did not gather.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<ErrorReport>,
     pub energy: EnergyBalance,
     /// Most memory that the process held [bytes]; absent where the system doesn't tell.
     pub peak_memory_bytes: Option<u64>,
     pub warnings: Warnings,
+}
+
+/// The error of a bake as it is estimated: root mean square over the mean light, against the texels' area averages, without the
+/// worst 1 % of texels [%].
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ErrorReport {
+    /// What was aimed at.
+    pub aimed: f64,
+    /// Noise and bias together.
+    pub estimated: f64,
+    /// By two independent halves of the samples.
+    pub noise: f64,
+    /// By what is finer than blocks.
+    pub bias: f64,
 }
 
 /// A file that was read.
@@ -123,9 +140,10 @@ impl Report {
             };
             lines.push(how);
             let (noise, balance) = (100.0 * self.noise, 100.0 * self.energy.imbalance);
-            let noise = match self.settings.gather {
-                Gather::Final => format!("noise {noise:.2} %"),
-                Gather::None => "noise not measured".to_string(),
+            let noise = match (&self.error, self.settings.gather()) {
+                (Some(error), _) => format!("estimated error {:.2} %", error.estimated),
+                (None, Gather::None) => "noise not measured".to_string(),
+                _ => format!("noise {noise:.2} %"),
             };
             lines.push(format!("{noise}, energy balance {balance:+.3} %"));
         }
@@ -172,13 +190,14 @@ impl Input {
 /// Times the stages as they begin.
 pub struct Clock<'a> {
     progress: &'a dyn Progress,
+    start: Instant,
     stages: std::sync::Mutex<Vec<(&'static str, Instant, ProcessTime)>>,
 }
 
 impl<'a> Clock<'a> {
     /// A clock that passes everything on to `progress`.
     pub fn new(progress: &'a dyn Progress) -> Self {
-        Self { progress, stages: Default::default() }
+        Self { progress, start: Instant::now(), stages: Default::default() }
     }
 
     /// The times so far; the last stage ends now.
@@ -206,6 +225,9 @@ impl Progress for Clock<'_> {
     }
     fn cancelled(&self) -> bool {
         self.progress.cancelled()
+    }
+    fn elapsed(&self) -> std::time::Duration {
+        self.start.elapsed()
     }
 }
 

@@ -1,7 +1,9 @@
 //! What a bake is asked to do, and the presets behind it.
 
 mod check;
+mod percent;
 
+use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::post::{LayerKind, Quantity};
@@ -54,6 +56,12 @@ pub struct Settings {
     /// Adds the ambient term for light that is not shot yet.
     pub ambient: bool,
     pub gather: Gather,
+    /// Estimated error at which to stop [%]: the root mean square of noise and bias together over the mean light, against the
+    /// texels' area averages, without the worst 1 % of texels.
+    #[serde(deserialize_with = "percent::read", serialize_with = "percent::write")]
+    pub error: Option<f64>,
+    /// Time for the whole bake [s], writing included; the best result within it, or within `error` sooner.
+    pub time_budget: Option<f64>,
     /// Interreflections counted; none: until the solution has converged.
     pub max_bounces: Option<u32>,
     /// Final gather rays a texel, or paths.
@@ -93,8 +101,12 @@ pub enum Quality {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Gather {
-    /// By a final gather over each texel's hemisphere.
+    /// [`Gather::Blocks`], unless something is asked for that only elements have.
     #[default]
+    Auto,
+    /// Blocks of texels gather together, as many and with as many samples as the error asks for.
+    Blocks,
+    /// By a final gather over each texel's own hemisphere: the reference.
     Final,
     /// As their element has it.
     None,
@@ -125,6 +137,8 @@ pub enum Normals {
 /// What a preset sets, stage by stage.
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Preset {
+    /// Error that blocks aim at [%].
+    error: f64,
     /// Final gather rays a texel.
     gather_samples: u32,
     /// Elements that exchange light.
@@ -152,6 +166,19 @@ const HEMICUBE_POINTS: u32 = 4;
 /// Elements at most: about 2 GB.
 const MOST_ELEMENTS: usize = 1 << 22;
 
+/// First shadow rays from a patch to each light where an error is asked for.
+const FIRST_SHADOW_SAMPLES: u32 = 2;
+
+/// How much a light in a shadow may be off, of an error that is asked for: few texels lie in one.
+const SHADOW_PART: f32 = 2.0;
+
+/// Errors that can be asked for [%].
+const LEAST_ERROR: f64 = 0.05;
+const MOST_ERROR: f64 = 50.0;
+
+/// Samples of blocks where an error or a time is asked for, for each texel on average, at most.
+const MOST_SAMPLES: u32 = 4096;
+
 /// Shots or sweeps at most.
 const MOST_ITERATIONS: u64 = 1_000_000_000;
 
@@ -175,7 +202,14 @@ impl Quality {
             Self::High => (4, 0.008, 32),
             Self::Production => (4, 0.003, 64),
         };
+        let error = match self {
+            Self::Draft => 5.0,
+            Self::Medium => 2.0,
+            Self::High => 1.0,
+            Self::Production => 0.5,
+        };
         Preset {
+            error,
             gather_samples,
             elements,
             probe_rays,
@@ -243,9 +277,13 @@ impl Settings {
     /// The direct light stage's parameters.
     pub fn direct_params(&self) -> DirectParams {
         let preset = self.quality.preset();
+        let (first_samples, shadow_error) = match self.error {
+            Some(error) => (FIRST_SHADOW_SAMPLES, (SHADOW_PART * error as f32 / 100.0).clamp(0.002, 0.04)),
+            None => (preset.first_samples, preset.shadow_error),
+        };
         DirectParams {
-            first_samples: preset.first_samples,
-            shadow_error: preset.shadow_error,
+            first_samples,
+            shadow_error,
             cluster_samples: preset.cluster_samples,
             sky_ratio: SKY_RATIO,
             gather_samples: self.gather_samples(),
@@ -283,7 +321,7 @@ impl Settings {
                 probe_rays: preset.probe_rays,
             },
             // A final gather adds the last bounce.
-            max_bounces: self.max_bounces.map(|k| if self.gather == Gather::Final { k.saturating_sub(1) } else { k }),
+            max_bounces: self.max_bounces.map(|k| if self.gather == Gather::None { k } else { k.saturating_sub(1) }),
             iterations: self.iterations,
             residual: RESIDUAL,
             link_error: self.link_error.unwrap_or(preset.link_error),
@@ -304,6 +342,52 @@ impl Settings {
         let hemicube = HemicubeParams { resolution: self.hemicube.unwrap_or(HEMICUBE), points, rotate: true };
         let (method, direct, seed) = (self.form_factors, self.direct_params(), self.seed);
         Ok(ViewFactorParams { method, elements, relative_error, hemicube, probe_rays, direct, seed })
+    }
+
+    /// How texels get their light.
+    pub fn gather(&self) -> Gather {
+        match self.gather {
+            Gather::Auto if self.method == Method::Path || self.asks_for_elements() => Gather::Final,
+            Gather::Auto => Gather::Blocks,
+            chosen => chosen,
+        }
+    }
+
+    /// True where something is set that means nothing to blocks.
+    fn asks_for_elements(&self) -> bool {
+        self.solver != Solver::Auto
+            || self.form_factors != FormFactors::Area
+            || self.hemicube.is_some()
+            || self.elements.is_some()
+            || self.link_error.is_some()
+            || self.iterations.is_some()
+            || self.overshoot
+            || self.ambient
+            || self.samples.is_some()
+            || self.watch.is_some()
+            || self.layers.contains(&LayerKind::Bounces)
+    }
+
+    /// The error that blocks aim at: a share, not a percentage.
+    fn aimed_error(&self) -> f64 {
+        let in_time = self.time_budget.map(|_| LEAST_ERROR);
+        self.error.or(in_time).unwrap_or(self.quality.preset().error) / 100.0
+    }
+
+    /// The parameters of the exchange between blocks.
+    pub fn block_params(&self) -> BlockParams {
+        // Whoever asks for an error or a time has said how long it may take.
+        let is_preset = self.error.is_none() && self.time_budget.is_none();
+        let most = if is_preset { self.quality.preset().gather_samples } else { MOST_SAMPLES };
+        BlockParams {
+            error: self.aimed_error(),
+            most_samples: f64::from(most),
+            time: self.time_budget,
+            max_bounces: self.max_bounces,
+            residual: RESIDUAL,
+            layers: !self.layers.is_empty(),
+            seed: self.seed,
+        }
     }
 
     /// The final gather's parameters.

@@ -20,6 +20,7 @@ use crate::trace::Tracer;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 pub use super::receiver::{Arriving, Receiver};
 pub use super::skylight::hemisphere_weight;
@@ -45,10 +46,10 @@ pub struct DirectParams {
 /// Irradiance straight from lights [lx], one a patch. The share of the sky that the gather finds is not in it.
 #[derive(Clone, Debug)]
 pub struct Direct {
-    /// About the normal that is shown.
-    pub shown: Vec<Rgb>,
+    /// About the normal that is shown; the same memory as `transport` where that is the geometric one.
+    pub shown: Arc<Vec<Rgb>>,
     /// About the geometric normal, for transport.
-    pub transport: Vec<Rgb>,
+    pub transport: Arc<Vec<Rgb>>,
     /// The part of `transport` from lights that are no surface, as flux over all patches [lm].
     pub inflow: DVec3,
     /// Shadow rays that were traced.
@@ -93,23 +94,41 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     for (a, area) in arriving.iter().zip(&lit.exposure.area) {
         inflow += a.other.as_dvec3() * f64::from(*area);
     }
-    Ok(Direct {
-        inflow,
-        rays: arriving.iter().map(|a| a.rays).sum(),
-        shown: arriving.iter().map(|a| a.shown).collect(),
-        transport: arriving.into_iter().map(|a| a.transport).collect(),
-    })
+    let rays = arriving.iter().map(|a| a.rays).sum();
+    let transport: Arc<Vec<Rgb>> = Arc::new(arriving.iter().map(|a| a.transport).collect());
+    let shown = match lit.params.shading_normals {
+        true => Arc::new(arriving.iter().map(|a| a.shown).collect()),
+        false => Arc::clone(&transport),
+    };
+    Ok(Direct { shown, transport, inflow, rays })
 }
 
 /// Everything that arrives straight from lights at `receiver`.
 pub fn arrive(scene: &Scene, tracer: &Tracer, lights: &Lights, receiver: &Receiver, params: &DirectParams) -> Arriving {
     let sight = Sight { scene, tracer, lights, params };
+    look_at(&sight, receiver, u32::MAX)
+}
+
+/// The same by the first shadow rays alone: noisy in penumbrae, for receivers that are only seen among many others.
+pub fn glimpse(
+    scene: &Scene,
+    tracer: &Tracer,
+    lights: &Lights,
+    receiver: &Receiver,
+    params: &DirectParams,
+) -> Arriving {
+    let sight = Sight { scene, tracer, lights, params };
+    look_at(&sight, receiver, 0)
+}
+
+/// What arrives at `receiver`; the lights whose bits are set in `closely` are looked at closely.
+fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
     let site = Site::new(receiver, 0.0, &[]);
     // Of the light around nothing is known.
-    let look = Look { closely: u32::MAX, around: 0.0, most_samples: MOST_ARRIVING };
-    let (mut sum, _) = examine(&sight, &emitters, &site, look, &mut Volley::default());
-    from_sky(&sight, receiver, &mut sum);
+    let look = Look { closely, around: 0.0, most_samples: MOST_ARRIVING };
+    let (mut sum, _) = examine(sight, &emitters, &site, look, &mut Volley::default());
+    from_sky(sight, receiver, &mut sum);
     sum
 }
 

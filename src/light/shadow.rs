@@ -133,6 +133,9 @@ impl Tally {
     /// Samples that bring the standard error down to the share `error` of the light `around`, or of the emitter's own where that
     /// is more; unoccluded it would bring `light`.
     fn wanted(&self, light: f32, around: f32, error: f32) -> f32 {
+        if light <= 0.0 {
+            return 0.0;
+        }
         // As if one more had seen it and one more had not: a share of the first samples is never sure.
         let p = (self.visible + 1) as f32 / (self.facing + 2) as f32;
         ((p * (1.0 - p)).sqrt() * light / (error * around.max(p * light))).powf(4.0 / 3.0)

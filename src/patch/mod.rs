@@ -5,6 +5,7 @@ mod clip;
 pub mod footprint;
 pub mod rasterize;
 pub mod reflectance;
+pub mod region;
 pub mod unocclude;
 
 pub use footprint::{Cutter, Footprint, SurfacePoint};

@@ -11,6 +11,9 @@ use std::f32::consts::PI;
 
 /// The layers `wanted` of a bake, in the quantity of its pages.
 pub fn layers(lit: &Lit, direct: &Direct, gathered: &Gathered, wanted: &[LayerKind], quantity: Quantity) -> Vec<Layer> {
+    if wanted.is_empty() {
+        return Vec::new();
+    }
     let n = gathered.irradiance.len();
     let straight: Vec<Rgb> = (0..n).map(|i| direct.shown[i] + gathered.sky[i]).collect();
     let reflected: Vec<Rgb> = (0..n).map(|i| gathered.indirect[i] - gathered.sky[i]).collect();

@@ -1,6 +1,7 @@
 //! Random numbers and the shapes they are warped to.
 
 pub mod discrete;
+pub mod octahedral;
 pub mod sequence;
 pub mod spherical;
 pub mod warp;

@@ -11,7 +11,7 @@ pub struct Sequence {
 }
 
 /// Who draws: stages get unrelated sequences for the same receiver.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Stage {
     Unocclude = 1,
@@ -23,6 +23,11 @@ pub enum Stage {
     Hemicube,
     Path,
     BackPath,
+    Guide,
+    Reach,
+    Block,
+    BlockArea,
+    Back,
 }
 
 impl Sequence {

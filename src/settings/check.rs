@@ -1,6 +1,6 @@
 //! Settings that are refused before any work begins: out of range, or of no effect beside others.
 
-use super::{Gather, MOST_ELEMENTS, MOST_ITERATIONS, Method, Settings};
+use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
 use crate::post::LayerKind;
 use crate::reference::BATCHES;
@@ -38,7 +38,10 @@ impl Settings {
         within("link-error", self.link_error, 1e-12, 1e-2)?;
         within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
+        within("error", self.error, LEAST_ERROR, MOST_ERROR)?;
+        within("time-budget", self.time_budget, 0.1, 1e6)?;
         self.check_layers()?;
+        self.check_gather()?;
         self.check_solver()?;
         if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
             return Err(Error::invalid("resolution", "chooses the density by itself; leave out density and page-size"));
@@ -77,6 +80,21 @@ impl Settings {
         ])
     }
 
+    /// Refuses what the way to gather has no use for.
+    fn check_gather(&self) -> Result<()> {
+        let is_blocks = self.gather() == Gather::Blocks;
+        let for_blocks = "is for gather blocks, and something else that is set needs elements, or a gather of its own";
+        refuse_first(&[
+            (self.error.is_some() && !is_blocks, "error", for_blocks),
+            (self.time_budget.is_some() && !is_blocks, "time-budget", for_blocks),
+            (
+                self.gather == Gather::Blocks && self.asks_for_elements(),
+                "gather",
+                "blocks have links of their own: leave out what is about solvers, elements, form factors, samples or bounce layers",
+            ),
+        ])
+    }
+
     /// Refuses what the solver can't do, and what would be ignored.
     fn check_solver(&self) -> Result<()> {
         if self.solver == Solver::FullMatrix {
@@ -96,7 +114,7 @@ impl Settings {
             (is_path && self.iterations.is_some(), "iterations", for_radiosity),
             (is_path && self.overshoot, "overshoot", for_radiosity),
             (is_path && self.ambient, "ambient", for_radiosity),
-            (is_path && self.gather != Gather::Final, "gather", for_radiosity),
+            (is_path && self.gather != Gather::Auto, "gather", for_radiosity),
             (is_path && self.watch.is_some(), "watch", for_radiosity),
             (
                 self.watch_every.is_some() && self.watch.is_none(),

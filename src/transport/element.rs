@@ -6,7 +6,9 @@
 
 use super::cluster::Cluster;
 use crate::color::Rgb;
-use crate::patch::{Ground, NONE, Reflectance, SurfacePoint, footprint::CellMask, unocclude::Exposure};
+use crate::patch::{
+    Ground, NONE, Reflectance, SurfacePoint, footprint::CellMask, region::regions, unocclude::Exposure,
+};
 use crate::sample::Discrete;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::trace::Hit;
@@ -27,6 +29,7 @@ const LAYER_SEPARATION: f32 = 4.0;
 const NEAR: f32 = 1.25;
 
 /// Clusters of patches, sorted by surface and place.
+#[derive(Default)]
 pub struct Elements {
     /// Area [m^2].
     pub area: Vec<f32>,
@@ -301,7 +304,7 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize, limits: Limits)
         };
         2 * axis + usize::from(n[axis] < 0.0)
     };
-    let region = regions(ground, &patches);
+    let region = regions(ground, &patches, |_, _| true);
     let mut region_area = vec![0.0f64; all.len()];
     for &i in &patches {
         region_area[region[i as usize] as usize] += f64::from(all.area[i as usize]);
@@ -360,39 +363,4 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize, limits: Limits)
         }
     }
     heap.into_iter().chain(done).map(|b| patches[b.range].to_vec()).collect()
-}
-
-/// The connected region of its chart that each of `patches` belongs to, named by its first patch; the patches that are missing
-/// (buried ones) keep regions apart.
-fn regions(ground: &Ground, patches: &[u32]) -> Vec<u32> {
-    let all = ground.patches;
-    let mut parent = vec![NONE; all.len()];
-    for &i in patches {
-        parent[i as usize] = i;
-    }
-    fn root(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
-        }
-        i
-    }
-    for &i in patches {
-        let [page, texel] = all.texel[i as usize];
-        let [width, height] = ground.atlas.pages[page as usize];
-        let (x, y) = (texel % width, texel / width);
-        let right = (x + 1 < width).then_some(texel + 1);
-        let below = (y + 1 < height).then_some(texel + width);
-        for neighbour in [right, below].into_iter().flatten() {
-            let Some(j) = all.at(page as usize, neighbour as usize) else { continue };
-            if parent[j] != NONE && all.chart[j] == all.chart[i as usize] {
-                let (a, b) = (root(&mut parent, i), root(&mut parent, j as u32));
-                parent[a.max(b) as usize] = a.min(b);
-            }
-        }
-    }
-    for &i in patches {
-        parent[i as usize] = root(&mut parent, i);
-    }
-    parent
 }

@@ -1,0 +1,347 @@
+//! The light of a scene as blocks have it, while it is being found.
+
+use super::BlockParams;
+use super::block::Blocks;
+use super::guide::Guide;
+use super::link::Sight;
+use super::reach::Reach;
+use super::respond::Response;
+use super::shoot::{Draw, Sampled, Samples};
+use super::show::neighbours;
+use super::sky_cells::{Escaped, SkyCells};
+use super::sweep::{Swept, System};
+use crate::Result;
+use crate::color::{Rgb, luminance};
+use crate::gather::Backs;
+use crate::light::direct::{Arriving, hemisphere_weight};
+use crate::light::{Direct, Lit};
+use crate::patch::NONE;
+use crate::progress::Progress;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Samples in each half of a back that is seen.
+const BACK_SAMPLES: u32 = 32;
+
+/// Patches over which the direct light of a back is averaged, for its energy.
+const BACK_PATCHES: usize = 8;
+
+/// How often backs that are seen from backs are followed.
+const BACK_ROUNDS: usize = 8;
+
+/// Of the samples of a block that sees something bright, this share goes there: a quarter where that is at least [`DIM`] of its
+/// light, half where it is [`BRIGHT`].
+const DIM: f32 = 0.02;
+const BRIGHT: f32 = 0.1;
+
+/// Blocks, what was found about them, and their light.
+pub struct Field<'a> {
+    pub lit: &'a Lit<'a>,
+    pub params: &'a BlockParams,
+    pub blocks: Blocks,
+    /// Each front with its neighbours.
+    pub around: Vec<Vec<u32>>,
+    pub sampled: Vec<Sampled>,
+    /// Irradiance from all but direct light [lx].
+    pub irradiance: Vec<Rgb>,
+    /// What patches send of their direct light [lm/m^2].
+    sent: Vec<Rgb>,
+    /// Direct light on backs, and the part of it from lights that are no surface, of those that something sees [lx]; empty where
+    /// no surface is double-sided.
+    on_backs: Vec<Option<[Rgb; 2]>>,
+    /// Irradiance from the sky [lx].
+    base: Vec<Rgb>,
+    bright: Option<(Guide, Reach)>,
+    pub swept: Swept,
+    pub rays: u64,
+}
+
+impl<'a> Field<'a> {
+    /// The coarsest blocks, in the dark.
+    pub fn new(lit: &'a Lit<'a>, direct: &Direct, params: &'a BlockParams) -> Self {
+        let blocks = Blocks::new(lit);
+        let sends = params.max_bounces != Some(0);
+        let send = |(rho, e): (&Rgb, &Rgb)| if sends { *rho * *e } else { Rgb::ZERO };
+        let n = blocks.list.len();
+        let mut field = Self {
+            lit,
+            params,
+            around: Vec::new(),
+            sampled: vec![Sampled::default(); n],
+            irradiance: vec![Rgb::ZERO; n],
+            sent: lit.reflectance.0.iter().zip(direct.transport.iter()).map(send).collect(),
+            on_backs: vec![None; if blocks.fronts() < n { lit.ground.patches.len() } else { 0 }],
+            base: vec![Rgb::ZERO; n],
+            bright: None,
+            swept: Swept::default(),
+            rays: 0,
+            blocks,
+        };
+        field.meet();
+        field
+    }
+
+    /// The equations of the light.
+    pub fn system(&self) -> System<'_> {
+        let sends = self.params.max_bounces != Some(0);
+        System {
+            lit: self.lit,
+            blocks: &self.blocks,
+            sampled: &self.sampled,
+            bright: self.bright.as_ref(),
+            sent: &self.sent,
+            on_backs: if sends { &self.on_backs } else { &[] },
+            base: &self.base,
+        }
+    }
+
+    /// Adds `plan` samples to each half of the fronts, by block.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn look(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<()> {
+        let mut plan = plan.to_vec();
+        plan.resize(self.blocks.list.len(), 0);
+        // What a back emits lands somewhere, whether another surface sees the back or not.
+        let shines = |&i: &u32| self.lit.emission.0[i as usize] != Rgb::ZERO;
+        for (b, samples) in plan.iter_mut().enumerate().skip(self.blocks.fronts()) {
+            if self.sampled[b].is_empty() && self.blocks.members(b).iter().any(shines) {
+                *samples = BACK_SAMPLES;
+            }
+        }
+        for _ in 0..BACK_ROUNDS {
+            let seen = self.sample(&plan, progress)?;
+            self.light_backs(&seen, progress)?;
+            plan.fill(0);
+            let mut more = false;
+            for b in seen.into_iter().map(|i| self.blocks.back_of[i as usize] as usize) {
+                if self.sampled[b].is_empty() {
+                    plan[b] = BACK_SAMPLES;
+                    more = true;
+                }
+            }
+            if !more {
+                break;
+            }
+        }
+        // Its energy is that of the whole block.
+        let fresh = self.blocks.fronts()..self.blocks.list.len();
+        let some: Vec<u32> = fresh.filter(|&b| !self.sampled[b].is_empty()).flat_map(|b| self.spread(b)).collect();
+        self.light_backs(&some, progress)
+    }
+
+    /// A few patches all over block `b`.
+    fn spread(&self, b: usize) -> impl Iterator<Item = u32> {
+        let members = self.blocks.members(b);
+        members.iter().copied().step_by(members.len().div_ceil(BACK_PATCHES))
+    }
+
+    /// Samples, and returns the patches whose backs were seen.
+    fn sample(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<Vec<u32>> {
+        let mut sampled = std::mem::take(&mut self.sampled);
+        let Self { lit, params, blocks, irradiance, bright, .. } = &*self;
+        let draw = Draw { lit, blocks, seed: params.seed };
+        let one = |b: usize, found: &mut Sampled| -> (u64, Vec<u32>) {
+            let count = plan[b];
+            let from = [0, 1].map(|k| found.halves[k].links.len());
+            let view = bright.as_ref().and_then(|(guide, reach)| {
+                let all = luminance(irradiance[b]);
+                let view = guide.view(&blocks.list[b], all, reach.of(b))?;
+                let share = view.recipe.arriving / all.max(f32::MIN_POSITIVE);
+                let areas = if share > BRIGHT {
+                    count / 2
+                } else if share > DIM {
+                    count / 4
+                } else {
+                    0
+                };
+                (areas > 0).then_some((view, areas))
+            });
+            let areas = view.as_ref().map_or(0, |v| v.1);
+            let samples = Samples {
+                hemisphere: count - areas,
+                areas,
+                guide: bright.as_ref().map(|b| &b.0),
+                view: view.as_ref().map(|v| &v.0),
+            };
+            draw.sample(b, samples, found);
+            found.weigh(&Sight {
+                block: &blocks.list[b],
+                bright: bright.as_ref().map(|(guide, reach)| (guide, reach.of(b))),
+            });
+            let mut backs: Vec<u32> = (found.halves.iter().zip(from))
+                .flat_map(|(half, from)| half.links[from..].iter().map(|l| l.target()))
+                .filter(|(_, back)| *back)
+                .map(|(patch, _)| patch as u32)
+                .collect();
+            backs.sort_unstable();
+            backs.dedup();
+            (2 * u64::from(count), backs)
+        };
+        let done: Result<Vec<(u64, Vec<u32>)>> = sampled
+            .par_iter_mut()
+            .enumerate()
+            .filter(|(b, _)| plan[*b] > 0)
+            .map(|(b, found)| {
+                progress.check()?;
+                Ok(one(b, found))
+            })
+            .collect();
+        self.sampled = sampled;
+        let done = done?;
+        let wanted: Vec<usize> = (0..plan.len()).filter(|&b| plan[b] > 0).collect();
+        let base: Vec<Rgb> = wanted.par_iter().map(|&b| self.base_of(b)).collect();
+        for (b, base) in wanted.into_iter().zip(base) {
+            self.base[b] = base;
+        }
+        self.rays += done.iter().map(|d| d.0).sum::<u64>();
+        let mut seen: Vec<u32> = done.into_iter().flat_map(|d| d.1).collect();
+        seen.sort_unstable();
+        seen.dedup();
+        Ok(seen)
+    }
+
+    fn base_of(&self, b: usize) -> Rgb {
+        let system = self.system();
+        0.5 * (system.sky(b, 0, None) + system.sky(b, 1, None))
+    }
+
+    /// Finds the direct light on those backs of `patches` where it isn't known yet.
+    fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
+        let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
+        let fresh: Vec<usize> = patches.iter().map(|&i| i as usize).filter(|&i| self.on_backs[i].is_none()).collect();
+        let found: Vec<Arriving> = fresh
+            .par_iter()
+            .map(|&i| {
+                progress.check()?;
+                Ok(draw.direct_on_back(i))
+            })
+            .collect::<Result<_>>()?;
+        for (i, arriving) in fresh.into_iter().zip(found) {
+            self.rays += arriving.rays;
+            self.on_backs[i] = Some([arriving.transport, arriving.other]);
+        }
+        Ok(())
+    }
+
+    /// Sweeps until the light is at rest.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn solve(&mut self, residual: f64, progress: &dyn Progress) -> Result<()> {
+        let mut irradiance = std::mem::take(&mut self.irradiance);
+        // A texel adds the last bounce itself.
+        let most = self.params.max_bounces.map(|n| n.saturating_sub(1));
+        match self.params.max_bounces {
+            None => {}
+            Some(0) => irradiance.fill(Rgb::ZERO),
+            Some(_) => irradiance.clone_from(&self.base),
+        }
+        let swept = self.system().solve(&mut irradiance, residual, most, progress);
+        self.irradiance = irradiance;
+        self.swept = swept?;
+        Ok(())
+    }
+
+    /// Finds what shines, and how far it reaches.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn find_bright(&mut self, progress: &dyn Progress) -> Result<()> {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for &position in &self.lit.ground.patches.position {
+            low = low.min(position);
+            high = high.max(position);
+        }
+        let escaped = self.escaped();
+        let sky = if escaped.is_empty() { SkyCells::none() } else { SkyCells::new(low, high, &escaped) };
+        let mut region = vec![NONE; self.lit.ground.patches.len()];
+        for b in 0..self.blocks.fronts() {
+            let number = self.blocks.list[b].region;
+            self.blocks.members(b).iter().for_each(|&i| region[i as usize] = number);
+        }
+        let guide = Guide::new(self.lit, &region, &self.sent, sky, self.params.seed);
+        if guide.is_empty() {
+            return Ok(());
+        }
+        let reach = Reach::new(self.lit, &self.blocks, &guide, self.params.seed, progress)?;
+        self.rays += reach.rays;
+        self.bright = Some((guide, reach));
+        // Links found so far don't know how likely they would have been found by area sampling.
+        for found in &mut self.sampled {
+            *found = Sampled::default();
+        }
+        Ok(())
+    }
+
+    /// The rays of fronts that met nothing.
+    fn escaped(&self) -> Vec<Escaped> {
+        let Some(sky) = &self.lit.lights.sky else { return Vec::new() };
+        let mut all = Vec::new();
+        for (block, found) in self.blocks.list[..self.blocks.fronts()].iter().zip(&self.sampled) {
+            let sight = Sight { block, bright: None };
+            for half in &found.halves {
+                for (direction, cos, _) in half.sky.iter().map(|link| found.drawn.sky_solid_angle(&sight, link)) {
+                    let share = hemisphere_weight(self.lit.lights, self.lit.params, direction, cos);
+                    let radiance = luminance(sky.radiance(self.lit.ground.scene, direction)) * share;
+                    all.push(Escaped { origin: block.centre, direction, radiance });
+                }
+            }
+        }
+        all
+    }
+
+    /// Splits the blocks that are `wanted`; their parts start anew, with the light of the whole. Returns what each block is part of.
+    pub fn split(&mut self, wanted: &[bool]) -> Vec<u32> {
+        let parts = self.blocks.split(self.lit, wanted);
+        let origin: Vec<u32> = parts.iter().map(|p| p.0).collect();
+        let sampled = &mut self.sampled;
+        let keep = |&(o, is_whole): &(u32, bool)| {
+            if is_whole { std::mem::take(&mut sampled[o as usize]) } else { Sampled::default() }
+        };
+        self.sampled = parts.iter().map(keep).collect();
+        self.irradiance = origin.iter().map(|&o| self.irradiance[o as usize]).collect();
+        self.base = origin.iter().map(|&o| self.base[o as usize]).collect();
+        if let Some((_, reach)) = &mut self.bright {
+            reach.follow(&origin);
+        }
+        self.meet();
+        origin
+    }
+
+    fn meet(&mut self) {
+        let fronts = self.blocks.fronts();
+        self.around = (0..fronts).into_par_iter().map(|b| neighbours(self.lit, &self.blocks, b)).collect();
+    }
+
+    /// How fronts answer to normals; `normal` is the one that a patch shows.
+    pub fn responses(&self, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Vec<Response> {
+        let system = self.system();
+        let respond = |b: usize| Response::new(&system, &self.irradiance, &normal, b);
+        (0..self.blocks.fronts()).into_par_iter().map(respond).collect()
+    }
+
+    /// The light on backs that something sees.
+    pub fn backs(&self) -> Backs {
+        let (system, fronts) = (self.system(), self.blocks.fronts());
+        let mut backs = Backs { of_patch: vec![NONE; self.blocks.back_of.len()], ..Backs::default() };
+        for b in (fronts..self.blocks.list.len()).filter(|&b| !self.sampled[b].is_empty()) {
+            let (block, found) = (&self.blocks.list[b], &self.sampled[b]);
+            let number = backs.area.len() as u32;
+            let mut albedo = Rgb::ZERO;
+            for (k, &i) in (block.first as usize..).zip(self.blocks.members(b)) {
+                backs.of_patch[i as usize] = number;
+                albedo += self.lit.reflectance.0[i as usize] * self.blocks.area(k);
+            }
+            backs.area.push(block.area);
+            backs.albedo.push(albedo / block.area.max(f32::MIN_POSITIVE));
+            let known: Vec<[Rgb; 2]> = self.spread(b).filter_map(|i| self.on_backs[i as usize]).collect();
+            let mean = |k: usize| known.iter().map(|d| d[k]).sum::<Rgb>() / known.len().max(1) as f32;
+            let reflected = found.halves.iter().map(|half| system.collect(half, &self.irradiance)).sum::<Rgb>();
+            backs.irradiance.push(self.base[b] + 0.5 * reflected + mean(0));
+            backs.landed_share.push(0.5 * found.halves.iter().flat_map(|h| &h.weights).sum::<f32>());
+            backs.inflow += (mean(1) + self.base[b]).as_dvec3() * f64::from(block.area);
+        }
+        backs
+    }
+}

@@ -1,0 +1,172 @@
+//! Links: where the light of a block comes from. A link is one direction in which a block sees a patch; it knows neither light nor
+//! colour nor bounce, so that the same links serve every sweep, channel and lamp.
+//!
+//! The irradiance of a block about the normal n is `E(n) = sum over links of L max(0, n d) w`. Directions come from two strategies,
+//! the hemisphere and areas that shine ([`Guide`](super::guide::Guide)), and are combined by the balance heuristic (Veach, Guibas
+//! 1995): `w = 1 / (N_h p_h + N_a p_a)`. Of a block that is curved each texel sees a hemisphere of its own, and p_h is the mixture of
+//! them all: a direction that one texel drew is of use to each texel that faces it.
+
+use super::block::Block;
+use super::guide::{Found, Guide, NO_CLUSTER, Recipe, View};
+use crate::sample::octahedral;
+use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
+
+/// Set in a target: its back is seen.
+const BACK: u32 = 1 << 31;
+
+/// The least share of a hemisphere that a mixture is taken to cover: normals of a few texels stand for all.
+const LEAST_MIXTURE: f32 = 1e-2;
+
+/// Sums further off than this say that too little was drawn to tell.
+const LEAST_SCALE: f32 = 0.5;
+
+/// A surface that is seen: 12 bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct Link {
+    target: u32,
+    /// Packed unit direction.
+    direction: u32,
+    /// Density [1/sr] with which its cluster would have been hit there.
+    pdf_area: f32,
+}
+
+/// A piece of the sky that is seen.
+#[derive(Clone, Copy, Debug)]
+pub struct SkyLink {
+    direction: u32,
+    known: Found,
+}
+
+impl Link {
+    /// The patch `patch`, on its back where `back`, seen along `direction` (unit).
+    pub fn new(patch: usize, back: bool, direction: Vec3, pdf_area: f32) -> Self {
+        let target = patch as u32 | if back { BACK } else { 0 };
+        Self { target, direction: octahedral::pack(direction), pdf_area }
+    }
+
+    /// The patch, and whether its back is seen.
+    pub fn target(&self) -> (usize, bool) {
+        ((self.target & !BACK) as usize, self.target & BACK != 0)
+    }
+
+    /// Unit, away from the block.
+    pub fn direction(&self) -> Vec3 {
+        octahedral::unpack(self.direction)
+    }
+}
+
+impl SkyLink {
+    /// The sky along `direction` (unit).
+    pub fn new(direction: Vec3, known: Found) -> Self {
+        Self { direction: octahedral::pack(direction), known }
+    }
+
+    /// Unit, away from the block.
+    pub fn direction(&self) -> Vec3 {
+        octahedral::unpack(self.direction)
+    }
+}
+
+/// What one of the two independent halves of a block's samples found.
+#[derive(Clone, Debug, Default)]
+pub struct Half {
+    pub links: Vec<Link>,
+    /// Form factor of each link: `w / pi` times the mean cosine over the block.
+    pub weights: Vec<f32>,
+    pub sky: Vec<SkyLink>,
+    /// Directions over the hemisphere that found nothing that sends light.
+    pub lost: u32,
+    /// What `w` is multiplied by so that the form factors of all that is seen, the lost directions included, add up to 1: no light is
+    /// made or lost by the noise of both strategies together.
+    pub scale: f32,
+}
+
+impl Half {
+    /// The scale that closes the half, where its links' form factors add up to `found`.
+    pub fn close(&mut self, found: f32, drawn: &Drawn) {
+        let sum = found + self.lost as f32 / drawn.hemisphere.max(1) as f32;
+        self.scale = if sum > 0.0 { sum.recip().clamp(LEAST_SCALE, LEAST_SCALE.recip()) } else { 1.0 };
+    }
+}
+
+/// What each half has drawn, with what it found and what it didn't.
+#[derive(Clone, Debug, Default)]
+pub struct Drawn {
+    /// Directions over the hemisphere, and towards what shines.
+    pub hemisphere: u32,
+    pub areas: u32,
+    /// How the latter were drawn, and how many each way.
+    views: Vec<(Recipe, u32)>,
+    pub normals: Normals,
+}
+
+/// The normals of a block: one where it is flat, else of texels all over it.
+#[derive(Clone, Debug, Default)]
+pub struct Normals(pub Vec<Vec3>);
+
+impl Normals {
+    /// Mean over the block of max(0, n d), which is pi times the density of the hemispheres' mixture; and the share of the block that
+    /// faces `direction`, from which area samples can go that way.
+    pub fn facing(&self, direction: Vec3) -> (f32, f32) {
+        let (mut sum, mut count) = (0.0, 0u32);
+        for n in &self.0 {
+            let cos = n.dot(direction);
+            sum += cos.max(0.0);
+            count += u32::from(cos > 0.0);
+        }
+        let all = self.0.len() as f32;
+        ((sum / all).max(LEAST_MIXTURE), count.max(1) as f32 / all)
+    }
+}
+
+impl Drawn {
+    /// Samples of both strategies.
+    pub fn samples(&self) -> u32 {
+        self.hemisphere + self.areas
+    }
+
+    /// Counts `samples` more that are drawn as `view` says.
+    pub fn expect(&mut self, view: &View, samples: u32) {
+        self.areas += samples;
+        self.views.push((view.recipe, samples));
+    }
+
+    /// Mean cosine over the block of a direction of which area sampling knows `known`, and its `w` [sr].
+    fn weigh(&self, sight: &Sight, direction: Vec3, known: Found) -> (f32, f32) {
+        let (cos, facing) = self.normals.facing(direction);
+        let mut expected = self.hemisphere as f32 * cos * FRAC_1_PI;
+        if let Some((guide, share)) = sight.bright
+            && known.cluster != NO_CLUSTER
+        {
+            for (recipe, samples) in &self.views {
+                let probability = guide.probability(sight.block, recipe, share, known.cluster);
+                expected += *samples as f32 * probability * known.pdf * facing;
+            }
+        }
+        (cos, 1.0 / expected)
+    }
+
+    /// Direction, mean cosine over the block and `w` [sr] of `link`.
+    pub fn solid_angle(&self, sight: &Sight, link: &Link) -> (Vec3, f32, f32) {
+        let (patch, back) = link.target();
+        let cluster = sight.bright.filter(|_| !back).map_or(NO_CLUSTER, |(guide, _)| guide.cluster(patch));
+        let direction = link.direction();
+        let (cos, w) = self.weigh(sight, direction, Found { cluster, pdf: link.pdf_area });
+        (direction, cos, w)
+    }
+
+    /// The same of the sky.
+    pub fn sky_solid_angle(&self, sight: &Sight, link: &SkyLink) -> (Vec3, f32, f32) {
+        let direction = link.direction();
+        let (cos, w) = self.weigh(sight, direction, link.known);
+        (direction, cos, w)
+    }
+}
+
+/// A block, and what shines as it sees it: the share of each cluster that gets through.
+#[derive(Clone, Copy)]
+pub struct Sight<'a> {
+    pub block: &'a Block,
+    pub bright: Option<(&'a Guide, &'a [f32])>,
+}

@@ -1,0 +1,341 @@
+//! The light between surfaces by links between blocks of texels: the way a bake goes unless another is asked for.
+//!
+//! A texel of its own would have to look around with thousands of rays to be without noise, as each of its neighbours would. So
+//! texels look around together, as blocks ([`block`]): each has links to what it sees, found over the hemisphere and towards what
+//! shines ([`shoot`], [`guide`], [`reach`]). Links know nothing of light, so that the same ones serve every bounce ([`sweep`]).
+//! Blocks answer for any normal ([`respond`]), share what they know with their neighbours ([`smooth`]), and texels are read in between
+//! ([`show`]). Samples go where the noise is and blocks are split where detail is, until the error that was asked for is reached
+//! ([`effort`]).
+
+pub mod block;
+mod effort;
+mod field;
+pub mod guide;
+pub mod link;
+mod plane;
+pub mod reach;
+pub mod respond;
+pub mod shoot;
+pub mod show;
+pub mod sky_cells;
+pub mod smooth;
+pub mod sweep;
+
+use crate::Result;
+use crate::color::Rgb;
+use crate::gather::{Backs, Gathered};
+use crate::light::{Direct, Lit};
+use crate::patch::{Cutter, SurfacePoint};
+use crate::progress::Progress;
+use effort::{Left, Stakes, distances, too_coarse, too_near, variances};
+use field::Field;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use respond::{DIFFERENCE, LANDED, Response, Values};
+use show::show;
+use smooth::{Smoothed, smooth};
+
+/// What is asked of the exchange.
+#[derive(Clone, Debug)]
+pub struct BlockParams {
+    /// Error that is aimed at: the root mean square of noise and bias together over the mean light, without the worst 1 % of
+    /// texels; more than 0.
+    pub error: f64,
+    /// Samples at most, for each texel on average.
+    pub most_samples: f64,
+    /// Time that the whole bake may take [s]; none: as long as it needs.
+    pub time: Option<f64>,
+    /// Reflections counted; none: all. 0: light straight from lights and the sky alone.
+    pub max_bounces: Option<u32>,
+    /// Remaining change of the light, relative to it, at which sweeps end.
+    pub residual: f64,
+    /// Whether the sky's part and the standard error of each texel are wanted.
+    pub layers: bool,
+    pub seed: u32,
+}
+
+/// How it went.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Exchanged {
+    pub blocks: usize,
+    pub links: u64,
+    pub sweeps: u64,
+    /// Remaining change of the light, relative to it.
+    pub residual: f64,
+    /// Estimated errors over the mean light, without the worst 1 % of texels: noise, and what interpolation between blocks misses.
+    pub noise: f64,
+    pub bias: f64,
+}
+
+/// Samples in each half of a block's first look, at most; small blocks make do with one a texel.
+const FIRST: u32 = 16;
+/// Samples in each half of a block's second look, which knows what shines, at most; small blocks get four a texel.
+const SECOND: u32 = 32;
+
+/// Looks for one error, and the number of them after which blocks are split.
+const ROUNDS: usize = 6;
+const SPLITS: usize = 2;
+
+/// Residual at which sweeps end between rounds.
+const ROUGH: f64 = 0.01;
+
+/// A block's side over the harmonic mean of the distances around it, for an error of 1: what varies over a distance misses by
+/// its square.
+const REACH: f32 = 3.0;
+
+/// Of the error that is aimed at, the part that noise may take, and that the interpolation of a single block may.
+const NOISE_PART: f64 = 0.8;
+const DETAIL_PART: f32 = 0.5;
+
+/// Estimates are uncertain: the error that is aimed at is this share of the one that was asked for.
+const CAUTION: f64 = 0.95;
+
+/// What independent samples' variance becomes by stratification and smoothing, before it is measured.
+const GAIN: f32 = 0.3;
+
+/// Errors aimed at one after the other where only a time is given: the first, and each over the one before.
+const LADDER: [f64; 2] = [0.08, 0.6];
+
+/// Of the time that may be taken, the part kept for what follows, and for each texel [s].
+const KEPT_TIME: [f64; 2] = [0.06, 1.5e-6];
+
+/// A look, judged.
+struct Judged {
+    smoothed: Smoothed,
+    stakes: Stakes,
+    left: Left,
+}
+
+/// Finds the light between surfaces.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn exchange(
+    lit: &Lit,
+    direct: &Direct,
+    params: &BlockParams,
+    progress: &dyn Progress,
+) -> Result<(Gathered, Backs, Exchanged)> {
+    progress.begin("exchange", 0);
+    let normals = shown_normals(lit);
+    let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
+    let mut run = Run::new(Field::new(lit, direct, params), direct, &normal, progress)?;
+    let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
+    let mut judged = run.reach(aim)?;
+    while aim > params.error && !run.is_late() {
+        aim = (aim * LADDER[1]).max(params.error);
+        judged = run.reach(aim)?;
+    }
+    let Run { mut field, .. } = run;
+    field.solve(params.residual, progress)?;
+    // What was judged had not come to rest: light would be missing.
+    let smoothed = smooth(&field.blocks, &field.around, field.responses(&normal));
+    let left = judged.left;
+    let gathered = show_all(&field, direct, smoothed, &normal);
+    let exchanged = Exchanged {
+        blocks: field.blocks.list.len(),
+        links: field.sampled.iter().flat_map(|s| &s.halves).map(|h| h.links.len() as u64).sum(),
+        sweeps: field.swept.sweeps,
+        residual: field.swept.residual,
+        noise: left.noise,
+        bias: left.bias,
+    };
+    Ok((Gathered { noise: left.noise, ..gathered }, field.backs(), exchanged))
+}
+
+/// The exchange under way.
+struct Run<'a> {
+    field: Field<'a>,
+    direct: &'a Direct,
+    normal: &'a (dyn Fn(usize) -> Vec3 + Sync),
+    progress: &'a dyn Progress,
+    /// Harmonic mean of the distances around each front [m].
+    distance: Vec<f32>,
+    /// Variance of one sample of each front [lx^2]; empty before the second look.
+    variance: Vec<f32>,
+    gain: f32,
+    /// Samples a second, once known.
+    rate: Option<f64>,
+}
+
+impl<'a> Run<'a> {
+    /// A first look around over the hemisphere alone, which tells how near everything is and about how bright, and what shines.
+    fn new(
+        mut field: Field<'a>,
+        direct: &'a Direct,
+        normal: &'a (dyn Fn(usize) -> Vec3 + Sync),
+        progress: &'a dyn Progress,
+    ) -> Result<Self> {
+        let fronts = &field.blocks.list[..field.blocks.fronts()];
+        let first: Vec<u32> = fronts.iter().map(|b| b.samples(1, FIRST)).collect();
+        field.look(&first, progress)?;
+        field.solve(ROUGH, progress)?;
+        let distance = distances(&field);
+        field.find_bright(progress)?;
+        Ok(Self { field, direct, normal, progress, distance, variance: Vec::new(), gain: GAIN, rate: None })
+    }
+
+    /// Splits and samples until the error is estimated to be `aim`, or neither brings anything, or time is up.
+    fn reach(&mut self, aim: f64) -> Result<Judged> {
+        // Single texels are three quarterings away.
+        for _ in 0..3 {
+            let near = too_near(&self.field, &self.distance, REACH * aim.sqrt() as f32);
+            self.split(&near);
+        }
+        let mut plan = self.plan(aim, true);
+        let mut round = 1;
+        loop {
+            let judged = self.look(&plan)?;
+            if round == ROUNDS || judged.left.error() < CAUTION * aim || self.is_late() {
+                return Ok(judged);
+            }
+            let coarse = too_coarse(&self.field, &judged.stakes, &judged.smoothed, DETAIL_PART * aim as f32);
+            let is_split = round <= SPLITS && self.split(&coarse);
+            // What has been split may have to be split again: sampled to the end it would be in vain.
+            plan = self.plan(aim, is_split && round < SPLITS);
+            if plan.iter().all(|&samples| samples == 0) {
+                return if is_split { self.look(&plan) } else { Ok(judged) };
+            }
+            round += 1;
+        }
+    }
+
+    /// Samples for each half of each front: to a first glimpse where nothing is known, else towards the error `aim`, all the way or
+    /// part of it.
+    fn plan(&self, aim: f64, part: bool) -> Vec<u32> {
+        if self.variance.is_empty() {
+            let fronts = &self.field.blocks.list[..self.field.blocks.fronts()];
+            return fronts.iter().map(|b| b.samples(4, SECOND)).collect();
+        }
+        let stakes = Stakes::new(&self.field, &self.variance, self.direct, self.gain);
+        let target = (NOISE_PART * aim).powi(2) * if part { 2.0 } else { 1.0 };
+        let params = self.field.params;
+        let texels = self.field.lit.ground.patches.len() as f64;
+        let left = self.time_left().zip(self.rate).map(|(time, rate)| time * rate);
+        let most = (params.most_samples * texels - self.field.rays as f64).max(0.0);
+        stakes.plan(&self.field, target, most.min(left.unwrap_or(f64::INFINITY)))
+    }
+
+    /// Looks, solves and judges.
+    fn look(&mut self, plan: &[u32]) -> Result<Judged> {
+        let (start, rays) = (self.progress.elapsed(), self.field.rays);
+        self.field.look(plan, self.progress)?;
+        self.field.solve(ROUGH, self.progress)?;
+        self.variance = variances(&self.field.system(), &self.field.irradiance);
+        let smoothed = smooth(&self.field.blocks, &self.field.around, self.field.responses(self.normal));
+        let stakes = Stakes::new(&self.field, &self.variance, self.direct, self.gain);
+        let left = Left::new(&self.field, &stakes, &smoothed);
+        let independent = stakes.independent_noise(&self.field);
+        if independent > 0.0 {
+            self.gain = ((left.local_noise * left.local_noise / independent) as f32).clamp(0.01, 2.0);
+        }
+        let time = (self.progress.elapsed() - start).as_secs_f64();
+        self.rate = Some((self.field.rays - rays) as f64 / time.max(1e-3));
+        tracing::debug!(
+            blocks = self.field.blocks.list.len(),
+            rays = self.field.rays,
+            noise = left.noise,
+            bias = left.bias,
+            local = left.local,
+            gain = self.gain,
+            "looked"
+        );
+        Ok(Judged { smoothed, stakes, left })
+    }
+
+    /// Splits the fronts that are `wanted`; true where there were any.
+    fn split(&mut self, wanted: &[bool]) -> bool {
+        if !wanted.contains(&true) {
+            return false;
+        }
+        let origin = self.field.split(wanted);
+        let follow = |values: &[f32]| -> Vec<f32> {
+            if values.is_empty() {
+                return Vec::new();
+            }
+            origin[..self.field.blocks.fronts()].iter().map(|&o| values[o as usize]).collect()
+        };
+        (self.distance, self.variance) = (follow(&self.distance), follow(&self.variance));
+        true
+    }
+
+    /// Time that is left for samples [s]; none: any.
+    fn time_left(&self) -> Option<f64> {
+        let time = self.field.params.time?;
+        let texels = self.field.lit.ground.patches.len() as f64;
+        let kept = KEPT_TIME[0] * time + KEPT_TIME[1] * texels;
+        Some((time - kept - self.progress.elapsed().as_secs_f64()).max(0.0))
+    }
+
+    /// True where there is not enough time for a look worth the name.
+    fn is_late(&self) -> bool {
+        self.field.params.time.zip(self.time_left()).is_some_and(|(time, left)| left < 0.1 * time)
+    }
+}
+
+/// Blocks to texels.
+fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Gathered {
+    let n = direct.shown.len();
+    let responses = kept_means(field, smoothed.responses, normal);
+    let none = || if field.params.layers { vec![Rgb::ZERO; n] } else { Vec::new() };
+    let mut gathered = Gathered {
+        irradiance: direct.shown.to_vec(),
+        standard_error: none(),
+        indirect: none(),
+        sky: none(),
+        parts: Vec::new(),
+        landed_share: vec![0.0; n],
+        noise: 0.0,
+        sky_inflow: DVec3::ZERO,
+        rays: field.rays,
+    };
+    show(field.lit, &field.blocks, &field.around, &responses, normal, |i, values| {
+        gathered.irradiance[i] += respond::irradiance(values);
+        gathered.landed_share[i] = values[LANDED];
+        gathered.sky_inflow += respond::sky(values).as_dvec3() * f64::from(field.lit.exposure.area[i]);
+        if field.params.layers {
+            let b = field.blocks.front_of[i] as usize;
+            gathered.standard_error[i] = Rgb::splat(smoothed.error[b].max(0.0).sqrt());
+            gathered.indirect[i] = respond::irradiance(values);
+            gathered.sky[i] = respond::sky(values);
+        }
+    });
+    gathered
+}
+
+/// Responses so that the mean over a block's texels, read in between, is about that of the block: peaks and hollows would be cut
+/// off, and with them light.
+fn kept_means(field: &Field, responses: Vec<Response>, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Vec<Response> {
+    let blocks = &field.blocks;
+    let mut lost: Vec<Values> = responses.iter().zip(&blocks.list).map(|(r, b)| r.at(b.normal)).collect();
+    let own = lost.clone();
+    show(field.lit, blocks, &field.around, &responses, normal, |i, values| {
+        let b = blocks.front_of[i] as usize;
+        let share = field.lit.exposure.area[i] / blocks.list[b].area.max(f32::MIN_POSITIVE);
+        lost[b].iter_mut().zip(values).for_each(|(lost, value)| *lost -= share * value);
+    });
+    let keep = |((response, own), lost): ((Response, &Values), &Values)| {
+        let kept = std::array::from_fn(|k| if k == DIFFERENCE { own[k] } else { (own[k] + lost[k]).max(0.0) });
+        response.moved(own, &kept)
+    };
+    responses.into_iter().zip(&own).zip(&lost).map(keep).collect()
+}
+
+/// The shading normal of every patch, at the middles of its pieces; `None` where irradiance is about the geometric one.
+fn shown_normals(lit: &Lit) -> Option<Vec<Vec3>> {
+    let scene = lit.ground.scene;
+    if !lit.params.shading_normals || scene.meshes.iter().all(|m| m.normals.is_empty()) {
+        return None;
+    }
+    let patches = lit.ground.patches;
+    let of = |cutter: &mut Cutter, i: usize| {
+        let footprint = cutter.footprint(i);
+        let mut sum = Vec3::ZERO;
+        for piece in &footprint.pieces {
+            let SurfacePoint { shading, .. } = piece.facet.point(piece.sample([0.5, 0.5]));
+            sum += shading * piece.area;
+        }
+        sum.try_normalize().unwrap_or(patches.normal[i])
+    };
+    Some((0..patches.len()).into_par_iter().map_init(|| Cutter::new(lit.ground), of).collect())
+}
