@@ -381,6 +381,89 @@ fn a_bake_writes_its_folder_and_says_so() {
     assert_eq!(f.run(&["compare", page, page]).status.code(), Some(0));
 }
 
+#[test]
+fn an_error_or_time_that_cannot_be_had_is_refused() {
+    let f = Folder::new("error-refused");
+    f.write("a.glb", grid(2, true));
+    let cases: &[(&[&str], &str)] = &[
+        (&["--error", "0"], "0.05 to 50"),
+        (&["--error", "50.1%"], "0.05 to 50"),
+        (&["--error=-1"], "0.05 to 50"),
+        (&["--error", "nan"], "0.05 to 50"),
+        (&["--error", "inf"], "0.05 to 50"),
+        (&["--error", "little"], "percentage"),
+        (&["--error", ""], "percentage"),
+        (&["--error", "2%", "--gather", "final"], "--error"),
+        (&["--error", "2%", "--gather", "none"], "--error"),
+        (&["--error", "2%", "--samples", "16"], "--error"),
+        (&["--error", "2%", "--elements", "100"], "--error"),
+        (&["--error", "2%", "--layers", "bounces"], "--error"),
+        (&["--error", "2%", "--method", "path"], "--error"),
+        (&["--time-budget", "0"], "0.1 to 1000000"),
+        (&["--time-budget", "5", "--gather", "final"], "--time-budget"),
+        (&["--time-budget", "5", "--method", "path"], "--time-budget"),
+        (&["--gather", "blocks", "--solver", "jacobi"], "--gather"),
+        (&["--gather", "blocks", "--form-factors", "hemicube"], "--gather"),
+        (&["--gather", "blocks", "--samples", "16"], "--gather"),
+        (&["--gather", "blocks", "--method", "path"], "--gather"),
+    ];
+    for (flags, said) in cases {
+        let args: Vec<&str> = ["bake", "a.glb"].iter().chain(*flags).copied().collect();
+        let output = f.run(&args);
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{flags:?}: {text}");
+        assert_eq!(text.lines().count(), 1, "{flags:?}: {text}");
+        assert!(text.starts_with("error: ") && text.contains(said), "{flags:?}: {text}");
+    }
+    f.write("lumel.toml", "quality = \"draft\"\nerror = \"90 %\"\n");
+    let output = f.run(&["bake", "a.glb"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("lumel.toml:2: error"), "{}", stderr(&output));
+    assert_eq!(f.entries(), ["a.glb", "lumel.toml"]);
+}
+
+#[test]
+fn an_error_is_read_in_any_form_and_stated() {
+    let f = Folder::new("error-forms");
+    f.write("a.glb", grid(2, true));
+    let report = || -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(f.0.join("a_baked/report.json")).unwrap()).unwrap()
+    };
+    let base = ["bake", "a.glb", "--resolution", "32"];
+    let stated = |flags: &[&str]| {
+        let args: Vec<&str> = base.iter().chain(flags).copied().collect();
+        let output = f.run(&args);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        assert!(stderr(&output).contains("estimated error"), "{}", stderr(&output));
+        let report = report();
+        let error = &report["error"];
+        let [aimed, estimated, noise, bias] =
+            ["aimed", "estimated", "noise", "bias"].map(|key| error[key].as_f64().unwrap());
+        assert!((noise.hypot(bias) - estimated).abs() < 1e-6 * estimated.max(1.0), "{error}");
+        assert_eq!(report["solver"]["name"], "links");
+        (aimed, estimated)
+    };
+    for form in ["4%", "4 %", "4", "4.0", " 4% "] {
+        let (aimed, estimated) = stated(&["--error", form]);
+        assert!(aimed == 4.0 && estimated < 2.0 * aimed, "{form:?}: {aimed} {estimated}");
+    }
+    for form in ["\"4%\"", "\"4 %\"", "4", "4.0"] {
+        f.write("lumel.toml", format!("error = {form}\n"));
+        assert_eq!(stated(&[]).0, 4.0, "{form}");
+    }
+    assert_eq!(stated(&["--error", "3%"]).0, 3.0, "the command line comes before the file");
+    std::fs::remove_file(f.0.join("lumel.toml")).unwrap();
+    for (quality, percent) in [("draft", 5.0), ("medium", 2.0), ("high", 1.0), ("production", 0.5)] {
+        // Presets take so many samples and no more: what they came to is stated, whatever they aim at.
+        assert_eq!(stated(&["--quality", quality]).0, percent, "{quality}");
+    }
+    // The reference has noise, and no aim.
+    let args: Vec<&str> = base.iter().chain(&["--gather", "final", "--samples", "16"]).copied().collect();
+    let output = f.run(&args);
+    assert!(output.status.success() && !stderr(&output).contains("estimated error"), "{}", stderr(&output));
+    assert!(report()["error"].is_null());
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_bake_ends_within_a_second_and_leaves_nothing() {

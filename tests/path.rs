@@ -12,7 +12,7 @@ use lumel::patch::{Ground, Patches, rasterize};
 use lumel::progress::Silent;
 use lumel::reference::{BATCHES, PathParams, Strategy, Traced, trace};
 use lumel::scene::{Environment, Light, LightShape, Scene, Shaping, Texels, Texture, TextureSlot, UvSet};
-use lumel::settings::{Method, Quality, Settings};
+use lumel::settings::{Gather, Method, Quality, Settings};
 use lumel::trace::Tracer;
 use lumel::unwrap::Atlas;
 use std::f32::consts::PI;
@@ -154,8 +154,11 @@ fn room_with_a_shelf_agrees_with_radiosity_and_keeps_its_energy() {
     println!("{:?}", by_paths.energy);
     assert!(by_paths.energy.imbalance.abs() < 0.005, "{}", by_paths.energy.imbalance);
     assert!(by_paths.energy.absorbed_by_backs[0] > 0.0);
-    let by_elements = bake_quads(&quads, 16, &Settings { quality: Quality::Medium, ..draft() });
-    assert_means_agree("room", &by_elements, &by_paths, 0.01);
+    let medium = Settings { quality: Quality::Medium, ..draft() };
+    let by_elements = bake_quads(&quads, 16, &Settings { gather: Gather::Final, ..medium.clone() });
+    assert_means_agree("elements", &by_elements, &by_paths, 0.01);
+    let by_blocks = bake_quads(&quads, 16, &Settings { error: Some(1.0), ..medium });
+    assert_means_agree("blocks", &by_blocks, &by_paths, 0.01);
 }
 
 fn light(shape: LightShape) -> Light {

@@ -1,6 +1,8 @@
 //! Scenes made of rectangles, with an atlas that needs no unwrapping, for tests with known answers.
 #![allow(dead_code)]
 
+pub mod measure;
+
 use glam::{Affine3A, Vec2, Vec3};
 use lumel::color::Rgb;
 use lumel::illuminate::{Illuminated, illuminate};
