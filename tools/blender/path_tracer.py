@@ -1,17 +1,28 @@
 """Blender as the checks use it: an empty file, an import, diffuse materials, Cycles without shortcuts."""
 
+import json
+import struct
+import urllib.parse
 from pathlib import Path
 
 import bpy
 
 
-def open_scene(path: Path) -> None:
+def open_scene(path: Path, **gltf_options) -> None:
     """An empty file with the scene of a .glb, .gltf or USD file in it."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if path.suffix in (".glb", ".gltf"):
-        bpy.ops.import_scene.gltf(filepath=str(path))
+        bpy.ops.import_scene.gltf(filepath=str(path), **gltf_options)
     else:
         bpy.ops.wm.usd_import(filepath=str(path), import_all_materials=False)
+
+
+def pages_of(baked: Path) -> list[dict]:
+    """Size and file (`uri`, decoded) of each page, from the header of the GLB: the importer drops the extras of `asset`."""
+    data = baked.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + size])
+    return [p | {"uri": urllib.parse.unquote(p["uri"])} for p in document["asset"]["extras"]["lumel"]["pages"]]
 
 
 def mesh_objects() -> list:
@@ -77,11 +88,9 @@ def total(tree, a, b):
     return node.outputs["Vector"]
 
 
-def render(width: int, height: int, samples: int, path: Path) -> None:
-    """Cycles on the CPU, 64 bounces, nothing clamped, to a linear float EXR."""
+def exact(samples: int) -> None:
+    """Cycles on the CPU, 64 bounces, nothing clamped."""
     scene = bpy.context.scene
-    if scene.camera is None:
-        scene.camera = next(o for o in bpy.data.objects if o.type == "CAMERA")
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device = "CPU"
@@ -92,6 +101,14 @@ def render(width: int, height: int, samples: int, path: Path) -> None:
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.blur_glossy = 0
     cycles.filter_width = 1.0
+
+
+def render(width: int, height: int, samples: int, path: Path) -> None:
+    """The view of the scene's camera, to a linear float EXR."""
+    exact(samples)
+    scene = bpy.context.scene
+    if scene.camera is None:
+        scene.camera = next(o for o in bpy.data.objects if o.type == "CAMERA")
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
     scene.render.use_compositing = scene.render.use_sequencer = False
     scene.view_settings.view_transform = "Standard"

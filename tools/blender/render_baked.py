@@ -60,14 +60,8 @@ def main() -> None:
 
 
 def page_uri(baked: Path, page: int) -> str:
-    """The page's file, from the header of the GLB: the importer drops the extras of `asset`."""
-    import struct
-    import urllib.parse
-
-    data = baked.read_bytes()
-    size = struct.unpack_from("<I", data, 12)[0]
-    document = json.loads(data[20 : 20 + size])
-    return urllib.parse.unquote(document["asset"]["extras"]["lumel"]["pages"][page]["uri"])
+    """The page's file."""
+    return path_tracer.pages_of(baked)[page]["uri"]
 
 
 main()
