@@ -305,8 +305,8 @@ pub struct SolverArgs {
 #[command(next_help_heading = "Effort")]
 #[serde(rename_all = "kebab-case")]
 pub struct EffortArgs {
-    /// radiosity: light exchanged between elements, then gathered by texel; path: paths from each texel, slower, the
-    /// reference for the other [default: radiosity]
+    /// radiosity: light exchanged between surfaces, see --gather; path: paths from each texel, slower, the reference for
+    /// the other [default: radiosity]
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path"]))]
     pub method: Option<String>,
     /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area

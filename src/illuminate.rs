@@ -1,4 +1,5 @@
-//! The light of a scene in memory: rasterize, direct, solve, gather, post, in order; or rasterize, trace, post.
+//! The light of a scene in memory: rasterize, direct, exchange, post, in order; or with solve and gather in place of exchange; or
+//! rasterize, trace, post.
 
 use crate::Result;
 use crate::blocks::{Exchanged, exchange};

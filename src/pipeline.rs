@@ -1,4 +1,4 @@
-//! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, solve, gather, post), write.
+//! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
 use crate::error::{Error, Result, Warnings};
 use crate::folder;

@@ -116,7 +116,7 @@ pub enum Gather {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Light exchanged between elements, and gathered by each texel.
+    /// Light exchanged between surfaces, by blocks of texels or by elements and a gather ([`Gather`]).
     #[default]
     Radiosity,
     /// Paths from each texel: the reference, slower, with its standard error.

@@ -12,7 +12,7 @@ use lumel::progress::Silent;
 use lumel::scene::Scene;
 use lumel::trace::Tracer;
 use lumel::transport::hemicube::{Hemicube, HemicubeParams};
-use lumel::transport::{Effort, Elements, FormFactor, Method, Outline, analytic, area, form_factor, near};
+use lumel::transport::{Effort, Elements, FormFactor, Method, Outline, analytic, area, form_factor};
 use lumel::unwrap::Atlas;
 use std::f64::consts::PI;
 use support::{Quad, atlas, disc, mesh_atlas, mesh_scene, room, scene, sphere, triangles};
@@ -482,89 +482,4 @@ fn hemicubes_can_be_turned_or_not() {
         assert!((sum - 1.0).abs() < 1e-5, "{sum}");
     }
     assert_eq!(row(true, 3), row(true, 3));
-}
-
-/// Times and noise in a room of 1500 elements; run with `--ignored --nocapture`.
-#[test]
-#[ignore = "a measurement"]
-fn what_each_method_costs() {
-    let mut quads = room([4.0, 3.0, 3.0]);
-    for (corner, size) in [([0.6, 0.0, 0.5], [1.0, 1.6, 1.0]), ([2.3, 0.0, 1.4], [0.9, 0.8, 0.9])] {
-        quads.extend(room(size).into_iter().map(|mut q| {
-            q.corner += Vec3::from(corner);
-            std::mem::swap(&mut q.u, &mut q.v);
-            q
-        }));
-    }
-    let place = Place::quads(&quads, 80);
-    let ground = place.ground();
-    let elements = place.elements(1500, 0);
-    let n = elements.len();
-    let clock = std::time::Instant::now();
-    let outlines = Outline::all(&elements, &ground);
-    let polygons: usize = outlines.iter().map(|o| o.polygons.len()).sum();
-    println!(
-        "{n} elements of {} texels, {polygons} polygons in {:.1} ms",
-        place.patches.len() / n,
-        clock.elapsed().as_secs_f64() * 1e3
-    );
-    let coarse = Effort { relative_error: 0.05, floor: 4.0 / n as f32, first_samples: 4, most_samples: 256 };
-    let exact = Effort { relative_error: 2e-3, first_samples: 4096, ..Effort::default() };
-    let pairs: Vec<(usize, usize)> =
-        (0..n).step_by(11).flat_map(|i| (0..n).step_by(3).map(move |j| (i, j))).filter(|(i, j)| i != j).collect();
-    let (near, far): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|&(i, j)| elements.are_near(i, j));
-    let measure = |name: &str, pairs: &[(usize, usize)], f: &dyn Fn(usize, usize) -> FormFactor| {
-        let clock = cpu_time::ThreadTime::now();
-        let samples: u64 = pairs.iter().map(|&(i, j)| u64::from(f(i, j).samples)).sum();
-        let count = pairs.len() as f64;
-        println!(
-            "{name}: {:.2} us, {:.1} samples a pair of {count}",
-            clock.elapsed().as_secs_f64() * 1e6 / count,
-            samples as f64 / count
-        );
-    };
-    let by_near = |i: usize, j: usize, effort: &Effort| {
-        near::form_factor(&elements, &ground, i, j, [&outlines[i], &outlines[j]], effort)
-    };
-    let by_contour = |i: usize, j: usize, effort: &Effort| {
-        analytic::form_factor(&elements, i, j, [&outlines[i], &outlines[j]], effort)
-    };
-    measure("area, far", &far, &|i, j| area::form_factor(&elements, &ground, i, j, &coarse));
-    measure("analytic, far", &far, &|i, j| by_contour(i, j, &coarse));
-    measure("analytic, far, to 0.2 %", &far, &|i, j| by_contour(i, j, &Effort::default()));
-    measure("near", &near, &|i, j| by_near(i, j, &coarse));
-    measure("analytic, near", &near, &|i, j| by_contour(i, j, &coarse));
-    let seen: Vec<(usize, usize, f64)> =
-        near.iter().map(|&(i, j)| (i, j, by_near(i, j, &exact).value)).filter(|p| p.2 > 1e-3).collect();
-    let bare: Vec<(usize, usize)> = seen.iter().map(|&(i, j, _)| (i, j)).collect();
-    measure("near, that see each other", &bare, &|i, j| by_near(i, j, &coarse));
-    let probes = Effort { relative_error: 0.0, floor: 0.0, most_samples: 512, ..coarse };
-    measure("512 rays", &bare, &|i, j| form_factor(&elements, &ground, i, j, Method::Hemisphere, &probes));
-    let noise = |f: &dyn Fn(usize, usize) -> f64| {
-        let sum: f64 = seen.iter().map(|&(i, j, truth)| (f(i, j) - truth).powi(2)).sum();
-        let of: f64 = seen.iter().map(|p| p.2.powi(2)).sum();
-        100.0 * (sum / of).sqrt()
-    };
-    let rays = |i, j| form_factor(&elements, &ground, i, j, Method::Hemisphere, &probes).value;
-    println!(
-        "noise of near: {:.2} %, of 512 rays from both: {:.2} %",
-        noise(&|i, j| by_near(i, j, &coarse).value),
-        noise(&|i, j| 0.5 * (rays(i, j) + f64::from(elements.area[j] / elements.area[i]) * rays(j, i)))
-    );
-    let ball = Place::meshes(&[sphere(Vec3::ZERO, 1.0, 36, true)], 1);
-    let round = ball.elements(500, 0);
-    for resolution in [64, 128, 256] {
-        let mut cube = Hemicube::new(&HemicubeParams { resolution, points: 1, rotate: true });
-        let clock = cpu_time::ThreadTime::now();
-        (0..100).for_each(|i| drop(cube.row(&round, &ball.ground(), i)));
-        let ball_time = clock.elapsed().as_secs_f64() * 10.0;
-        let clock = cpu_time::ThreadTime::now();
-        (0..100).for_each(|i| drop(cube.row(&elements, &ground, i)));
-        println!(
-            "hemicube of {resolution}: {ball_time:.3} ms for {} triangles, {:.3} ms for {}",
-            ball.tracer.triangle_count(),
-            clock.elapsed().as_secs_f64() * 10.0,
-            place.tracer.triangle_count()
-        );
-    }
 }
