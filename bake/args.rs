@@ -206,6 +206,9 @@ pub struct SceneArgs {
     /// [default: medium]
     #[arg(long, short, value_name = "PRESET", value_parser = PossibleValuesParser::new(["draft", "medium", "high", "production"]))]
     pub quality: Option<String>,
+    /// Read moving parts at this moment: seconds in glTF, a time code in USD [default: at rest]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub time: Option<f64>,
 }
 
 /// How many texels, on which pages.

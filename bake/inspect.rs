@@ -14,7 +14,7 @@ use lumel::inspect::{Inspection, inspect as look};
 /// `Usage` where the settings are wrong, else the loader's.
 pub fn inspect(args: &InspectArgs, console: &Console) -> Result<(), Failure> {
     let settings = config::resolve(args)?.settings;
-    let loaded = lumel::load::load(&args.scene.scene)?;
+    let loaded = lumel::load::load_with(&args.scene.scene, &settings.load_options())?;
     let inspection = look(&loaded, &settings);
     if args.json {
         return print::json(&inspection);

@@ -134,7 +134,7 @@ pub fn form_factors(scene: &Path, output: &Path, settings: &Settings, progress: 
         return Err(Error::invalid(folder.display(), "is no folder; make it first, or give another file with -o"));
     }
     progress.begin("load", 0);
-    let loaded = load::load(scene)?;
+    let loaded = load::load_with(scene, &settings.load_options())?;
     loaded.inputs.iter().try_for_each(|input| refuse_input(output, input))?;
     // A folder that can't be written is found out now, not after hours of work.
     Staging::new(folder)?;
@@ -167,7 +167,7 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
     settings.check()?;
     refuse_other_bake(scene, folder, settings.overwrite)?;
     clock.begin("load", 0);
-    let mut loaded = load::load(scene)?;
+    let mut loaded = load::load_with(scene, &settings.load_options())?;
     // A folder that can't be written is found out now, not after hours of work.
     Staging::new(folder)?;
     if let Some(own) =

@@ -6,6 +6,7 @@ mod percent;
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
+use crate::load::LoadOptions;
 use crate::post::{LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver};
@@ -23,6 +24,8 @@ use std::path::PathBuf;
 pub struct Settings {
     /// Preset for every stage.
     pub quality: Quality,
+    /// The moment that moving parts are read at: seconds in glTF, a time code in USD; none: at rest, or the default time.
+    pub time: Option<f64>,
     /// Everything on one page of N x N texels.
     pub resolution: Option<u32>,
     /// Texels per metre.
@@ -253,6 +256,11 @@ impl Quality {
 }
 
 impl Settings {
+    /// How the scene file is read.
+    pub fn load_options(&self) -> LoadOptions {
+        LoadOptions { time: self.time }
+    }
+
     /// The unwrap stage's parameters.
     pub fn unwrap_params(&self) -> UnwrapParams {
         let density = match (self.resolution, self.density) {

@@ -2,12 +2,15 @@
 
 pub mod gltf;
 pub mod image;
+pub mod options;
 pub mod units;
 pub mod usd;
 
 use crate::error::{Error, Result, Warnings};
 use crate::scene::{Scene, validate::validate};
 use std::path::{Path, PathBuf};
+
+pub use options::LoadOptions;
 
 /// What a loader gives: the scene, what the writers need of its source, and what was met on the way.
 #[derive(Debug)]
@@ -43,18 +46,26 @@ impl Loaded {
     }
 }
 
+/// Reads a scene of any format as it stands; see [`load_with`].
+///
+/// # Errors
+/// As [`load_with`].
+pub fn load(path: &Path) -> Result<Loaded> {
+    load_with(path, &LoadOptions::default())
+}
+
 /// Reads a scene of any format, chosen by its extension: .gltf .glb .usd .usda .usdc .usdz.
 ///
 /// # Errors
 /// `Io` where a file can't be read, `Invalid` where it is broken, `Unsupported` for another extension; each names the file.
-pub fn load(path: &Path) -> Result<Loaded> {
+pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     if path.is_dir() {
         return Err(Error::invalid(path.display(), "is a directory; name the scene file in it"));
     }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let mut loaded = match extension.as_str() {
-        "gltf" | "glb" => gltf::load(path)?,
-        "usd" | "usda" | "usdc" | "usdz" => usd::load(path)?,
+        "gltf" | "glb" => gltf::load(path, options)?,
+        "usd" | "usda" | "usdc" | "usdz" => usd::load(path, options)?,
         _ => {
             let message = "is not a scene format that can be read (.gltf .glb .usd .usda .usdc .usdz)";
             return Err(Error::unsupported(path.display(), message));

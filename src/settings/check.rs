@@ -39,6 +39,7 @@ impl Settings {
         within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
         within("error", self.error, LEAST_ERROR, MOST_ERROR)?;
+        within("time", self.time, -1e9, 1e9)?;
         within("time-budget", self.time_budget, 0.1, 1e6)?;
         self.check_layers()?;
         self.check_gather()?;

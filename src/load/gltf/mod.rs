@@ -18,7 +18,7 @@ mod node;
 mod texture;
 pub(crate) mod uri;
 
-use super::{Loaded, Source};
+use super::{LoadOptions, Loaded, Source};
 use crate::error::{Result, Warnings};
 use crate::scene::{Scene, Surface, SurfaceOrigin};
 use document::Document;
@@ -43,7 +43,7 @@ pub struct GltfSource {
 /// `Io` where the file or a buffer can't be read, `Invalid` where it is broken, `Unsupported` where it needs an
 /// extension that changes geometry and isn't read. Each names the file and the item. Pictures that can't be read are
 /// warnings.
-pub fn load(path: &Path) -> Result<Loaded> {
+pub fn load(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
     let mut warnings = Warnings::default();
     let mut document = Document::open(path, &mut warnings)?;
     let nodes = node::flatten(&document, &mut warnings)?;

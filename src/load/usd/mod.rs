@@ -20,7 +20,7 @@ mod texture;
 mod walk;
 mod xform;
 
-use super::{Loaded, Source};
+use super::{LoadOptions, Loaded, Source};
 use crate::error::{Error, Result};
 use openusd::{ar, pcp, usd};
 use std::path::{Path, PathBuf};
@@ -41,12 +41,13 @@ const STACK: usize = 512 << 20;
 /// # Errors
 /// `Io` where the file can't be read, `Invalid` where it is no USD file; both name it. A broken reference, payload or
 /// sublayer is a warning.
-pub fn load(path: &Path) -> Result<Loaded> {
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     std::fs::File::open(path).map_err(|error| Error::io(path, error))?;
     // The one place where a panic of the openusd crate on a malformed file becomes an error: `join` returns it.
     let reader = std::thread::Builder::new().name("usd reader".into()).stack_size(STACK);
     let thread = std::thread::scope(|scope| {
-        let handle = reader.spawn_scoped(scope, || read_stage(path)).map_err(|error| Error::io(path, error))?;
+        let handle =
+            reader.spawn_scoped(scope, || read_stage(path, options)).map_err(|error| Error::io(path, error))?;
         handle
             .join()
             .map_err(|_| Error::invalid(path.display(), "the USD reader failed on this file; check it with usdchecker"))
@@ -54,7 +55,7 @@ pub fn load(path: &Path) -> Result<Loaded> {
     thread?
 }
 
-fn read_stage(path: &Path) -> Result<Loaded> {
+fn read_stage(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
     let name = path.to_str().ok_or_else(|| Error::invalid(path.display(), "the path is not UTF-8; rename the file"))?;
     // One scope keeps a package's directory open for all of its layers and textures.
     let _scope = ar::CacheScope::begin();
