@@ -4,10 +4,11 @@
 //! one sample times the root of its area. Errors are weighed against the geometric mean of the block's light and the scene's, so
 //! that dark rooms are not left in the dark.
 
+use super::block::Block;
 use super::field::Field;
 use super::smooth::Smoothed;
-use super::sweep::System;
-use crate::color::{Rgb, luminance};
+use super::sweep::{Radiosity, System};
+use crate::color::luminance;
 use crate::light::Direct;
 use rayon::prelude::*;
 
@@ -16,7 +17,11 @@ const LEAST: u32 = 8;
 const MOST: u32 = 1024;
 
 /// Stratification gains as samples become more: their variance falls with this power of their number beyond the first.
-const STRATIFIED: f64 = 0.15;
+const STRATIFIED: f32 = 0.15;
+
+/// Fronts whose demands are summed by one thread, and how closely the scale of a plan is found.
+const PART: usize = 8192;
+const PRECISION: f32 = 1.001;
 
 /// The share of blocks, by area, whose errors don't count: the worst.
 const WORST: f64 = 0.01;
@@ -52,7 +57,7 @@ pub struct Left {
 const INTERPOLATED: f32 = 0.4;
 
 /// Variance of one sample of each front [lx^2]; 0 where there are none.
-pub fn variances(system: &System, irradiance: &[Rgb]) -> Vec<f32> {
+pub fn variances(system: &System, radiosity: &Radiosity) -> Vec<f32> {
     let of_half = |b: usize, k: usize| {
         let found = &system.sampled[b];
         let half = &found.halves[k];
@@ -66,8 +71,7 @@ pub fn variances(system: &System, irradiance: &[Rgb]) -> Vec<f32> {
             squares += x * x;
         };
         for (link, weight) in half.links.iter().zip(&half.weights) {
-            let (patch, back) = link.target();
-            add(luminance(system.radiosity(patch, back, irradiance)) * weight);
+            add(luminance(radiosity.at(link.target())) * weight);
         }
         system.each_sky(b, k, None, |light| add(luminance(light)));
         (squares - sum * sum / n).max(0.0) * n
@@ -114,36 +118,70 @@ impl Stakes {
     /// what there is. At most `most` in all.
     pub fn plan(&self, field: &Field, target: f64, most: f64) -> Vec<u32> {
         let blocks = &field.blocks.list[..self.level.len()];
-        let wish: Vec<f32> =
-            (0..blocks.len()).map(|b| self.variance[b].sqrt() / self.level[b] * blocks[b].area.sqrt()).collect();
-        let have: Vec<u32> = (0..blocks.len()).map(|b| field.sampled[b].drawn.samples()).collect();
-        let count = |scale: f64, b: usize| -> u32 {
-            let ideal = (scale * f64::from(wish[b])).clamp(f64::from(LEAST), f64::from(MOST));
-            // Whole groups of points are well distributed.
-            let groups = (ideal / f64::from(LEAST)).round() as u32 * LEAST;
-            groups.max(have[b])
-        };
-        let outcome = |scale: f64| {
-            let (mut noise, mut area, mut samples) = (0.0f64, 0.0f64, 0.0f64);
-            for (b, block) in blocks.iter().enumerate() {
-                let n = count(scale, b);
-                let relative = f64::from(self.variance[b]) / f64::from(self.level[b] * self.level[b]);
-                let better = (f64::from(have[b].max(LEAST)) / f64::from(n)).powf(STRATIFIED).min(1.0);
-                noise += better * f64::from(self.gain) * relative / f64::from(2 * n) * f64::from(block.area);
-                area += f64::from(block.area);
-                samples += f64::from(2 * (n - have[b]));
+        let whole: f64 = blocks.iter().map(|b| f64::from(b.area)).sum();
+        let demand = |(b, block): (usize, &Block)| {
+            let relative = self.variance[b] / (self.level[b] * self.level[b]);
+            let have = field.sampled[b].drawn.samples();
+            Demand {
+                wish: (relative * block.area).sqrt(),
+                have,
+                noise: 0.5 * self.gain * relative * (f64::from(block.area) / whole.max(f64::MIN_POSITIVE)) as f32,
+                gained: (have.max(LEAST) as f32).powf(STRATIFIED),
             }
-            (noise / area.max(f64::MIN_POSITIVE), samples)
         };
-        let largest = wish.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
-        let (mut low, mut high) = (f64::from(LEAST) / f64::from(largest), 1e9);
-        for _ in 0..48 {
-            let middle = (low * high).sqrt();
+        let demands: Vec<Demand> = blocks.par_iter().enumerate().map(demand).collect();
+        let gain: Vec<f32> = (0..=MOST / LEAST).map(|groups| ((groups * LEAST) as f32).powf(-STRATIFIED)).collect();
+        // Sums of parts, always the same ones: as many threads as there are find the same.
+        let outcome = |scale: f32| {
+            let part = |part: &[Demand]| {
+                let add = |(noise, samples): (f64, f64), demand: &Demand| {
+                    let (left, added) = demand.outcome(scale, &gain);
+                    (noise + f64::from(left), samples + f64::from(added))
+                };
+                part.iter().fold((0.0, 0.0), add)
+            };
+            let parts: Vec<(f64, f64)> = demands.par_chunks(PART).map(part).collect();
+            parts.iter().fold((0.0, 0.0), |sum, part| (sum.0 + part.0, sum.1 + part.1))
+        };
+        let largest = demands.iter().map(|d| d.wish).fold(f32::MIN_POSITIVE, f32::max);
+        let (mut low, mut high) = (LEAST as f32 / largest, 1e9f32.max(LEAST as f32 / largest));
+        while high > PRECISION * low {
+            let middle = low.sqrt() * high.sqrt();
             let (noise, samples) = outcome(middle);
             if noise > target && samples < most { low = middle } else { high = middle }
         }
         let scale = if outcome(high).1 <= most { high } else { low };
-        (0..blocks.len()).map(|b| count(scale, b) - have[b]).collect()
+        demands.iter().map(|demand| demand.count(scale) - demand.have).collect()
+    }
+}
+
+/// What a front asks of a plan.
+struct Demand {
+    /// Samples in proportion to this are worth the most.
+    wish: f32,
+    /// Samples that each half has.
+    have: u32,
+    /// Mean square noise of one sample over the whole scene, relative to `level`.
+    noise: f32,
+    /// What stratification has brought.
+    gained: f32,
+}
+
+impl Demand {
+    /// Samples of each half where `scale` times its wish is to be met.
+    fn count(&self, scale: f32) -> u32 {
+        let ideal = (scale * self.wish).clamp(LEAST as f32, MOST as f32);
+        // Whole groups of points are well distributed.
+        let groups = (ideal / LEAST as f32 + 0.5) as u32;
+        (groups * LEAST).max(self.have)
+    }
+
+    /// The noise that is then left, and the samples to be added to both halves. `gain` is what stratification leaves, by groups.
+    fn outcome(&self, scale: f32, gain: &[f32]) -> (f32, u32) {
+        let count = self.count(scale);
+        let groups = (count / LEAST) as usize;
+        let left = gain[groups.min(gain.len() - 1)] * self.gained;
+        (left.min(1.0) * self.noise / count as f32, 2 * (count - self.have))
     }
 }
 

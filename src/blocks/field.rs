@@ -3,13 +3,13 @@
 use super::BlockParams;
 use super::block::Blocks;
 use super::guide::Guide;
-use super::link::Sight;
+use super::link::{Sight, SkyLink};
 use super::reach::Reach;
 use super::respond::Response;
 use super::shoot::{Draw, Sampled, Samples};
 use super::show::neighbours;
 use super::sky_cells::{Escaped, SkyCells};
-use super::sweep::{Swept, System};
+use super::sweep::{BackLight, Radiosity, Swept, System};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::gather::Backs;
@@ -20,10 +20,11 @@ use crate::progress::Progress;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Samples in each half of a back that is seen.
+/// Samples in each half of a back that is seen from a front or shines, and of one that is seen from other backs alone.
 const BACK_SAMPLES: u32 = 32;
+const DEEP_SAMPLES: u32 = 8;
 
-/// Patches over which the direct light of a back is averaged, for its energy.
+/// Patches over which the direct light of a back is averaged.
 const BACK_PATCHES: usize = 8;
 
 /// How often backs that are seen from backs are followed.
@@ -46,9 +47,8 @@ pub struct Field<'a> {
     pub irradiance: Vec<Rgb>,
     /// What patches send of their direct light [lm/m^2].
     sent: Vec<Rgb>,
-    /// Direct light on backs, and the part of it from lights that are no surface, of those that something sees [lx]; empty where
-    /// no surface is double-sided.
-    on_backs: Vec<Option<[Rgb; 2]>>,
+    /// Direct light on backs.
+    on_backs: BackLight,
     /// Irradiance from the sky [lx].
     base: Vec<Rgb>,
     bright: Option<(Guide, Reach)>,
@@ -70,7 +70,7 @@ impl<'a> Field<'a> {
             sampled: vec![Sampled::default(); n],
             irradiance: vec![Rgb::ZERO; n],
             sent: lit.reflectance.0.iter().zip(direct.transport.iter()).map(send).collect(),
-            on_backs: vec![None; if blocks.fronts() < n { lit.ground.patches.len() } else { 0 }],
+            on_backs: BackLight { of_block: vec![None; n - blocks.fronts()], ..BackLight::default() },
             base: vec![Rgb::ZERO; n],
             bright: None,
             swept: Swept::default(),
@@ -88,18 +88,42 @@ impl<'a> Field<'a> {
             lit: self.lit,
             blocks: &self.blocks,
             sampled: &self.sampled,
-            bright: self.bright.as_ref(),
             sent: &self.sent,
-            on_backs: if sends { &self.on_backs } else { &[] },
+            on_backs: sends.then_some(&self.on_backs),
             base: &self.base,
         }
     }
 
-    /// Adds `plan` samples to each half of the fronts, by block.
+    /// Adds `plan` samples to each half of the fronts, by block, and follows what they see of backs.
     ///
     /// # Errors
     /// `Cancelled`.
     pub fn look(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<()> {
+        let mut seen = self.glance(plan, progress)?;
+        self.light_backs(&seen, progress)?;
+        let fronts = self.blocks.fronts();
+        let mut plan = vec![0; self.blocks.list.len()];
+        for round in 0..BACK_ROUNDS {
+            let samples = if round == 0 { BACK_SAMPLES } else { DEEP_SAMPLES };
+            plan.fill(0);
+            for b in seen.into_iter().map(|i| self.blocks.back_of[i as usize] as usize) {
+                plan[b] = samples.saturating_sub(self.sampled[b].drawn.samples());
+            }
+            if plan.iter().all(|&samples| samples == 0) {
+                break;
+            }
+            seen = self.sample(&plan, progress)?;
+        }
+        let dark = |&b: &usize| !self.sampled[b].is_empty() && self.on_backs.of_block[b - fronts].is_none();
+        let dark: Vec<usize> = (fronts..self.blocks.list.len()).filter(dark).collect();
+        self.light_back_blocks(&dark, progress)
+    }
+
+    /// Adds `plan` samples to each half of the fronts, and returns the patches whose backs were seen. They stay dark.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn glance(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<Vec<u32>> {
         let mut plan = plan.to_vec();
         plan.resize(self.blocks.list.len(), 0);
         // What a back emits lands somewhere, whether another surface sees the back or not.
@@ -109,31 +133,7 @@ impl<'a> Field<'a> {
                 *samples = BACK_SAMPLES;
             }
         }
-        for _ in 0..BACK_ROUNDS {
-            let seen = self.sample(&plan, progress)?;
-            self.light_backs(&seen, progress)?;
-            plan.fill(0);
-            let mut more = false;
-            for b in seen.into_iter().map(|i| self.blocks.back_of[i as usize] as usize) {
-                if self.sampled[b].is_empty() {
-                    plan[b] = BACK_SAMPLES;
-                    more = true;
-                }
-            }
-            if !more {
-                break;
-            }
-        }
-        // Its energy is that of the whole block.
-        let fresh = self.blocks.fronts()..self.blocks.list.len();
-        let some: Vec<u32> = fresh.filter(|&b| !self.sampled[b].is_empty()).flat_map(|b| self.spread(b)).collect();
-        self.light_backs(&some, progress)
-    }
-
-    /// A few patches all over block `b`.
-    fn spread(&self, b: usize) -> impl Iterator<Item = u32> {
-        let members = self.blocks.members(b);
-        members.iter().copied().step_by(members.len().div_ceil(BACK_PATCHES))
+        self.sample(&plan, progress)
     }
 
     /// Samples, and returns the patches whose backs were seen.
@@ -144,9 +144,11 @@ impl<'a> Field<'a> {
         let one = |b: usize, found: &mut Sampled| -> (u64, Vec<u32>) {
             let count = plan[b];
             let from = [0, 1].map(|k| found.halves[k].links.len());
+            let mut arriving = Vec::new();
             let view = bright.as_ref().and_then(|(guide, reach)| {
+                guide.arriving(&blocks.list[b], reach.of(b), &mut arriving);
                 let all = luminance(irradiance[b]);
-                let view = guide.view(&blocks.list[b], all, reach.of(b))?;
+                let view = guide.view(all, &arriving)?;
                 let share = view.recipe.arriving / all.max(f32::MIN_POSITIVE);
                 let areas = if share > BRIGHT {
                     count / 2
@@ -165,10 +167,8 @@ impl<'a> Field<'a> {
                 view: view.as_ref().map(|v| &v.0),
             };
             draw.sample(b, samples, found);
-            found.weigh(&Sight {
-                block: &blocks.list[b],
-                bright: bright.as_ref().map(|(guide, reach)| (guide, reach.of(b))),
-            });
+            let sight = bright.as_ref().map(|(guide, _)| Sight::new(guide, &found.drawn, arriving));
+            found.weigh(&sight.unwrap_or_default());
             let mut backs: Vec<u32> = (found.halves.iter().zip(from))
                 .flat_map(|(half, from)| half.links[from..].iter().map(|l| l.target()))
                 .filter(|(_, back)| *back)
@@ -209,17 +209,41 @@ impl<'a> Field<'a> {
     /// Finds the direct light on those backs of `patches` where it isn't known yet.
     fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
         let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
-        let fresh: Vec<usize> = patches.iter().map(|&i| i as usize).filter(|&i| self.on_backs[i].is_none()).collect();
+        let fresh: Vec<u32> = patches.iter().copied().filter(|i| !self.on_backs.of_patch.contains_key(i)).collect();
         let found: Vec<Arriving> = fresh
             .par_iter()
             .map(|&i| {
                 progress.check()?;
-                Ok(draw.direct_on_back(i))
+                Ok(draw.direct_on_back(i as usize))
             })
             .collect::<Result<_>>()?;
         for (i, arriving) in fresh.into_iter().zip(found) {
             self.rays += arriving.rays;
-            self.on_backs[i] = Some([arriving.transport, arriving.other]);
+            self.on_backs.of_patch.insert(i, arriving.transport);
+        }
+        Ok(())
+    }
+
+    /// Finds the mean direct light on the backs `list` from a few patches all over each.
+    fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
+        let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
+        let mean = |&b: &usize| -> Result<([Rgb; 2], u64)> {
+            progress.check()?;
+            let members = self.blocks.members(b);
+            let some = members.iter().step_by(members.len().div_ceil(BACK_PATCHES));
+            let (mut sum, mut rays, count) = ([Rgb::ZERO; 2], 0, some.len() as f32);
+            for &i in some {
+                let arriving = draw.direct_on_back(i as usize);
+                sum = [sum[0] + arriving.transport, sum[1] + arriving.other];
+                rays += arriving.rays;
+            }
+            Ok((sum.map(|sum| sum / count), rays))
+        };
+        let found: Vec<([Rgb; 2], u64)> = list.par_iter().map(mean).collect::<Result<_>>()?;
+        let fronts = self.blocks.fronts();
+        for (&b, (mean, rays)) in list.iter().zip(found) {
+            self.on_backs.of_block[b - fronts] = Some(mean);
+            self.rays += rays;
         }
         Ok(())
     }
@@ -279,9 +303,9 @@ impl<'a> Field<'a> {
         let Some(sky) = &self.lit.lights.sky else { return Vec::new() };
         let mut all = Vec::new();
         for (block, found) in self.blocks.list[..self.blocks.fronts()].iter().zip(&self.sampled) {
-            let sight = Sight { block, bright: None };
             for half in &found.halves {
-                for (direction, cos, _) in half.sky.iter().map(|link| found.drawn.sky_solid_angle(&sight, link)) {
+                for direction in half.sky.iter().map(SkyLink::direction) {
+                    let cos = found.drawn.normals.facing(direction).0;
                     let share = hemisphere_weight(self.lit.lights, self.lit.params, direction, cos);
                     let radiance = luminance(sky.radiance(self.lit.ground.scene, direction)) * share;
                     all.push(Escaped { origin: block.centre, direction, radiance });
@@ -315,15 +339,15 @@ impl<'a> Field<'a> {
     }
 
     /// How fronts answer to normals; `normal` is the one that a patch shows.
-    pub fn responses(&self, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Vec<Response> {
+    pub fn responses(&self, radiosity: &Radiosity, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Vec<Response> {
         let system = self.system();
-        let respond = |b: usize| Response::new(&system, &self.irradiance, &normal, b);
+        let respond = |b: usize| Response::new(&system, radiosity, &normal, b);
         (0..self.blocks.fronts()).into_par_iter().map(respond).collect()
     }
 
     /// The light on backs that something sees.
     pub fn backs(&self) -> Backs {
-        let (system, fronts) = (self.system(), self.blocks.fronts());
+        let (radiosity, fronts) = (self.system().radiosity(&self.irradiance), self.blocks.fronts());
         let mut backs = Backs { of_patch: vec![NONE; self.blocks.back_of.len()], ..Backs::default() };
         for b in (fronts..self.blocks.list.len()).filter(|&b| !self.sampled[b].is_empty()) {
             let (block, found) = (&self.blocks.list[b], &self.sampled[b]);
@@ -335,12 +359,11 @@ impl<'a> Field<'a> {
             }
             backs.area.push(block.area);
             backs.albedo.push(albedo / block.area.max(f32::MIN_POSITIVE));
-            let known: Vec<[Rgb; 2]> = self.spread(b).filter_map(|i| self.on_backs[i as usize]).collect();
-            let mean = |k: usize| known.iter().map(|d| d[k]).sum::<Rgb>() / known.len().max(1) as f32;
-            let reflected = found.halves.iter().map(|half| system.collect(half, &self.irradiance)).sum::<Rgb>();
-            backs.irradiance.push(self.base[b] + 0.5 * reflected + mean(0));
+            let [direct, other] = self.on_backs.of_block[b - fronts].unwrap_or_default();
+            let reflected = found.halves.iter().map(|half| System::collect(half, &radiosity)).sum::<Rgb>();
+            backs.irradiance.push(self.base[b] + 0.5 * reflected + direct);
             backs.landed_share.push(0.5 * found.halves.iter().flat_map(|h| &h.weights).sum::<f32>());
-            backs.inflow += (mean(1) + self.base[b]).as_dvec3() * f64::from(block.area);
+            backs.inflow += (other + self.base[b]).as_dvec3() * f64::from(block.area);
         }
         backs
     }

@@ -41,6 +41,17 @@ struct Cluster {
     flux: f32,
 }
 
+/// Clusters field by field: every block looks at all of them, several at a time.
+#[derive(Default)]
+struct Clusters {
+    centre: [Vec<f32>; 3],
+    normal: [Vec<f32>; 3],
+    radius: Vec<f32>,
+    spread: Vec<f32>,
+    radiosity: Vec<f32>,
+    flux: Vec<f32>,
+}
+
 /// A point on a cluster, drawn in proportion to flux.
 #[derive(Clone, Copy)]
 struct Point {
@@ -51,7 +62,7 @@ struct Point {
 
 /// All that shines.
 pub struct Guide {
-    clusters: Vec<Cluster>,
+    clusters: Clusters,
     /// The cluster of each patch.
     of_patch: Vec<u16>,
     /// What each patch sends over the flux of its cluster [1/m^2].
@@ -119,7 +130,7 @@ impl Guide {
         let flux = |i: u32| f64::from(luminance(sent[i as usize])) * f64::from(lit.exposure.area[i as usize]);
         let mut order: Vec<u32> = (0..patches.len() as u32).filter(|&i| flux(i) > 0.0).collect();
         let mut guide = Self {
-            clusters: Vec::new(),
+            clusters: Clusters::default(),
             of_patch: vec![NO_CLUSTER; patches.len()],
             density: vec![0.0; patches.len()],
             points: Vec::new(),
@@ -131,7 +142,7 @@ impl Guide {
             let members = &order[run.clone()];
             let cluster = Cluster::new(lit, members, &flux);
             for &i in members {
-                guide.of_patch[i as usize] = guide.clusters.len() as u16;
+                guide.of_patch[i as usize] = guide.clusters.flux.len() as u16;
                 guide.density[i as usize] = luminance(sent[i as usize]) / cluster.flux;
             }
             guide.clusters.push(cluster);
@@ -161,21 +172,22 @@ impl Guide {
                 })
             })
             .collect();
-        guide.sky_first = guide.clusters.len();
-        guide.clusters.extend(guide.sky.openings().map(|o| Cluster {
+        guide.sky_first = guide.len();
+        let openings = guide.sky.openings().map(|o| Cluster {
             centre: o.centre,
             normal: o.normal,
             radius: o.radius,
             spread: 0.0,
             radiosity: o.radiance * PI,
             flux: o.radiance * PI * o.area,
-        }));
+        });
+        openings.for_each(|opening| guide.clusters.push(opening));
         guide
     }
 
     /// Flux of cluster `c` [lm], luminance.
     pub fn flux(&self, c: usize) -> f32 {
-        self.clusters[c].flux
+        self.clusters.flux[c]
     }
 
     /// True where cluster `c` is a part of the sky.
@@ -183,9 +195,10 @@ impl Guide {
         c >= self.sky_first
     }
 
-    /// About the irradiance [lx] of `block` by cluster `c` if nothing stood between.
-    pub fn arriving(&self, c: usize, block: &Block) -> f32 {
-        self.clusters[c].arriving(block)
+    /// About the irradiance [lx] of `block` by each cluster, of which the share `open` gets through.
+    pub fn arriving(&self, block: &Block, open: &[f32], arriving: &mut Vec<f32>) {
+        self.clusters.arriving(block, arriving);
+        arriving.iter_mut().zip(open).for_each(|(arriving, open)| *arriving *= open);
     }
 
     /// A ray of cluster `c`'s light.
@@ -202,39 +215,35 @@ impl Guide {
 
     /// True where nothing shines.
     pub fn is_empty(&self) -> bool {
-        self.clusters.is_empty()
+        self.len() == 0
     }
 
     /// Number of clusters.
     pub fn len(&self) -> usize {
-        self.clusters.len()
+        self.clusters.flux.len()
     }
 
-    /// How `block`, which receives about `irradiance` [lx] (luminance), draws from what is bright to it; `share` is how much of each
-    /// cluster gets through to it. `None` where nothing is bright.
-    pub fn view(&self, block: &Block, irradiance: f32, share: &[f32]) -> Option<View> {
+    /// How a block that receives about `irradiance` [lx] (luminance) in all, and `arriving` from each cluster, draws from what is bright
+    /// to it. `None` where nothing is.
+    pub fn view(&self, irradiance: f32, arriving: &[f32]) -> Option<View> {
         let threshold = BRIGHT * irradiance;
         let mut view = View { chosen: Vec::new(), up_to: Vec::new(), recipe: Recipe { threshold, arriving: 0.0 } };
-        for (c, (cluster, share)) in self.clusters.iter().zip(share).enumerate() {
-            if cluster.radiosity > threshold {
-                let arriving = share * cluster.arriving(block);
-                if arriving > 0.0 {
-                    view.recipe.arriving += arriving;
-                    view.chosen.push(c as u16);
-                    view.up_to.push(view.recipe.arriving);
-                }
+        for (c, (radiosity, arriving)) in self.clusters.radiosity.iter().zip(arriving).enumerate() {
+            if *radiosity > threshold && *arriving > 0.0 {
+                view.recipe.arriving += arriving;
+                view.chosen.push(c as u16);
+                view.up_to.push(view.recipe.arriving);
             }
         }
         (!view.chosen.is_empty()).then_some(view)
     }
 
-    /// The probability with which a view of `block` by `recipe` draws cluster `c`; `share` as for [`view`](Self::view).
-    pub fn probability(&self, block: &Block, recipe: &Recipe, share: &[f32], c: u16) -> f32 {
-        match self.clusters.get(c as usize) {
-            Some(cluster) if cluster.radiosity > recipe.threshold => {
-                share[c as usize] * cluster.arriving(block) / recipe.arriving
-            }
-            _ => 0.0,
+    /// How many samples a block to which `arriving` [lx] comes from each cluster is expected to have drawn from each, by `recipes` so
+    /// many times each: what replaces `arriving`.
+    pub fn expected(&self, recipes: &[(Recipe, u32)], arriving: &mut [f32]) {
+        for (radiosity, arriving) in self.clusters.radiosity.iter().zip(arriving) {
+            let drawn = recipes.iter().filter(|(recipe, _)| *radiosity > recipe.threshold);
+            *arriving *= drawn.map(|(recipe, samples)| *samples as f32 / recipe.arriving).sum::<f32>();
         }
     }
 
@@ -298,21 +307,44 @@ impl Cluster {
             flux: total as f32,
         }
     }
+}
 
-    /// About the irradiance [lx] of `block` if nothing stood between.
-    fn arriving(&self, block: &Block) -> f32 {
-        let way = self.centre - block.centre;
-        let reach = self.radius + 0.7 * block.side();
-        let square = way.length_squared().max(reach * reach);
-        let inverse = 1.0 / square.sqrt();
-        // Parts of both may face better than their centres do.
-        let margin = reach * inverse;
-        let receive = way.dot(block.normal) * inverse + margin + block.spread.min(1.5).sin();
-        let send = -way.dot(self.normal) * inverse + margin + self.spread;
-        if receive <= 0.0 || send <= 0.0 {
-            return 0.0;
+impl Clusters {
+    fn push(&mut self, cluster: Cluster) {
+        for k in 0..3 {
+            self.centre[k].push(cluster.centre[k]);
+            self.normal[k].push(cluster.normal[k]);
         }
-        self.flux * FRAC_1_PI * receive.min(1.0) * send.min(1.0) / square
+        self.radius.push(cluster.radius);
+        self.spread.push(cluster.spread);
+        self.radiosity.push(cluster.radiosity);
+        self.flux.push(cluster.flux);
+    }
+
+    /// About the irradiance [lx] of `block` by each cluster if nothing stood between.
+    fn arriving(&self, block: &Block, arriving: &mut Vec<f32>) {
+        let n = self.flux.len();
+        let ([x, y, z], [nx, ny, nz]) =
+            (self.centre.each_ref().map(|v| &v[..n]), self.normal.each_ref().map(|v| &v[..n]));
+        let (radius, spread, flux) = (&self.radius[..n], &self.spread[..n], &self.flux[..n]);
+        let (centre, normal) = (block.centre, block.normal);
+        let (own_reach, own_spread) = (0.7 * block.side(), block.spread.min(1.5).sin());
+        let within = |share: f32| if share > 0.0 { if share < 1.0 { share } else { 1.0 } } else { 0.0 };
+        arriving.clear();
+        arriving.resize(n, 0.0);
+        // No calls and no branches: the compiler takes several clusters at a time.
+        for (c, arriving) in arriving.iter_mut().enumerate() {
+            let (dx, dy, dz) = (x[c] - centre.x, y[c] - centre.y, z[c] - centre.z);
+            let reach = radius[c] + own_reach;
+            let (square, least) = (dx * dx + dy * dy + dz * dz, reach * reach);
+            let square = if square > least { square } else { least };
+            let inverse = 1.0 / square.sqrt();
+            // Parts of both may face better than their centres do.
+            let margin = reach * inverse;
+            let receive = (dx * normal.x + dy * normal.y + dz * normal.z) * inverse + margin + own_spread;
+            let send = margin + spread[c] - (dx * nx[c] + dy * ny[c] + dz * nz[c]) * inverse;
+            *arriving = flux[c] * FRAC_1_PI * within(receive) * within(send) * (inverse * inverse);
+        }
     }
 }
 

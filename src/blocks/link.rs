@@ -6,11 +6,10 @@
 //! 1995): `w = 1 / (N_h p_h + N_a p_a)`. Of a block that is curved each texel sees a hemisphere of its own, and p_h is the mixture of
 //! them all: a direction that one texel drew is of use to each texel that faces it.
 
-use super::block::Block;
 use super::guide::{Found, Guide, NO_CLUSTER, Recipe, View};
 use crate::sample::octahedral;
 use glam::Vec3;
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Set in a target: its back is seen.
 const BACK: u32 = 1 << 31;
@@ -75,18 +74,20 @@ pub struct Half {
     /// Form factor of each link: `w / pi` times the mean cosine over the block.
     pub weights: Vec<f32>,
     pub sky: Vec<SkyLink>,
+    /// Form factor of each link to the sky.
+    pub sky_weights: Vec<f32>,
     /// Directions over the hemisphere that found nothing that sends light.
     pub lost: u32,
-    /// What `w` is multiplied by so that the form factors of all that is seen, the lost directions included, add up to 1: no light is
-    /// made or lost by the noise of both strategies together.
-    pub scale: f32,
 }
 
 impl Half {
-    /// The scale that closes the half, where its links' form factors add up to `found`.
-    pub fn close(&mut self, found: f32, drawn: &Drawn) {
+    /// Scales the form factors so that those of all that is seen, the lost directions included, add up to 1: no light is made or lost
+    /// by the noise of both strategies together.
+    pub fn close(&mut self, drawn: &Drawn) {
+        let found: f32 = self.weights.iter().chain(&self.sky_weights).sum();
         let sum = found + self.lost as f32 / drawn.hemisphere.max(1) as f32;
-        self.scale = if sum > 0.0 { sum.recip().clamp(LEAST_SCALE, LEAST_SCALE.recip()) } else { 1.0 };
+        let scale = if sum > 0.0 { sum.recip().clamp(LEAST_SCALE, LEAST_SCALE.recip()) } else { 1.0 };
+        self.weights.iter_mut().chain(&mut self.sky_weights).for_each(|weight| *weight *= scale);
     }
 }
 
@@ -132,41 +133,48 @@ impl Drawn {
         self.views.push((view.recipe, samples));
     }
 
-    /// Mean cosine over the block of a direction of which area sampling knows `known`, and its `w` [sr].
-    fn weigh(&self, sight: &Sight, direction: Vec3, known: Found) -> (f32, f32) {
+    /// The form factor of one sample along `direction`, of which area sampling knows `known`.
+    fn form_factor(&self, sight: &Sight, direction: Vec3, known: Found) -> f32 {
         let (cos, facing) = self.normals.facing(direction);
         let mut expected = self.hemisphere as f32 * cos * FRAC_1_PI;
-        if let Some((guide, share)) = sight.bright
-            && known.cluster != NO_CLUSTER
-        {
-            for (recipe, samples) in &self.views {
-                let probability = guide.probability(sight.block, recipe, share, known.cluster);
-                expected += *samples as f32 * probability * known.pdf * facing;
-            }
+        if let Some(samples) = sight.expected.get(known.cluster as usize) {
+            expected += samples * known.pdf * facing;
         }
-        (cos, 1.0 / expected)
+        FRAC_1_PI * cos / expected
     }
 
-    /// Direction, mean cosine over the block and `w` [sr] of `link`.
-    pub fn solid_angle(&self, sight: &Sight, link: &Link) -> (Vec3, f32, f32) {
+    /// The form factor of `link`.
+    pub fn weigh(&self, sight: &Sight, link: &Link) -> f32 {
         let (patch, back) = link.target();
-        let cluster = sight.bright.filter(|_| !back).map_or(NO_CLUSTER, |(guide, _)| guide.cluster(patch));
-        let direction = link.direction();
-        let (cos, w) = self.weigh(sight, direction, Found { cluster, pdf: link.pdf_area });
-        (direction, cos, w)
+        let cluster = sight.guide.filter(|_| !back).map_or(NO_CLUSTER, |guide| guide.cluster(patch));
+        self.form_factor(sight, link.direction(), Found { cluster, pdf: link.pdf_area })
     }
 
-    /// The same of the sky.
-    pub fn sky_solid_angle(&self, sight: &Sight, link: &SkyLink) -> (Vec3, f32, f32) {
-        let direction = link.direction();
-        let (cos, w) = self.weigh(sight, direction, link.known);
-        (direction, cos, w)
+    /// The same of a link to the sky.
+    pub fn weigh_sky(&self, sight: &Sight, link: &SkyLink) -> f32 {
+        self.form_factor(sight, link.direction(), link.known)
+    }
+
+    /// The mean cosine over the block of a link along `direction`, and the solid angle [sr] that it stands for where its form factor is
+    /// `weight`.
+    pub fn solid_angle(&self, direction: Vec3, weight: f32) -> (f32, f32) {
+        let cos = self.normals.facing(direction).0;
+        (cos, PI * weight / cos)
     }
 }
 
-/// A block, and what shines as it sees it: the share of each cluster that gets through.
-#[derive(Clone, Copy)]
+/// What shines as a block has looked at it; nothing before anything is known to shine.
+#[derive(Default)]
 pub struct Sight<'a> {
-    pub block: &'a Block,
-    pub bright: Option<(&'a Guide, &'a [f32])>,
+    guide: Option<&'a Guide>,
+    /// Area samples that are expected of each cluster.
+    expected: Vec<f32>,
+}
+
+impl<'a> Sight<'a> {
+    /// As `drawn` says of a block to which `arriving` [lx] comes from each cluster of `guide`.
+    pub fn new(guide: &'a Guide, drawn: &Drawn, mut arriving: Vec<f32>) -> Self {
+        guide.expected(&drawn.views, &mut arriving);
+        Self { guide: Some(guide), expected: arriving }
+    }
 }

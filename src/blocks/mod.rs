@@ -129,7 +129,8 @@ pub fn exchange(
     let Run { mut field, .. } = run;
     field.solve(params.residual, progress)?;
     // What was judged had not come to rest: light would be missing.
-    let smoothed = smooth(&field.blocks, &field.around, field.responses(&normal));
+    let radiosity = field.system().radiosity(&field.irradiance);
+    let smoothed = smooth(&field.blocks, &field.around, field.responses(&radiosity, &normal));
     let left = judged.left;
     let gathered = show_all(&field, direct, smoothed, &normal);
     let exchanged = Exchanged {
@@ -168,7 +169,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self> {
         let fronts = &field.blocks.list[..field.blocks.fronts()];
         let first: Vec<u32> = fronts.iter().map(|b| b.samples(1, FIRST)).collect();
-        field.look(&first, progress)?;
+        field.glance(&first, progress)?;
         field.solve(ROUGH, progress)?;
         let distance = distances(&field);
         field.find_bright(progress)?;
@@ -221,8 +222,10 @@ impl<'a> Run<'a> {
         let (start, rays) = (self.progress.elapsed(), self.field.rays);
         self.field.look(plan, self.progress)?;
         self.field.solve(ROUGH, self.progress)?;
-        self.variance = variances(&self.field.system(), &self.field.irradiance);
-        let smoothed = smooth(&self.field.blocks, &self.field.around, self.field.responses(self.normal));
+        let radiosity = self.field.system().radiosity(&self.field.irradiance);
+        self.variance = variances(&self.field.system(), &radiosity);
+        let re = self.field.responses(&radiosity, self.normal);
+        let smoothed = smooth(&self.field.blocks, &self.field.around, re);
         let stakes = Stakes::new(&self.field, &self.variance, self.direct, self.gain);
         let left = Left::new(&self.field, &stakes, &smoothed);
         let independent = stakes.independent_noise(&self.field);

@@ -73,11 +73,12 @@ impl Reach {
                 arrived[of_block[b as usize] as usize * clusters + c] += flux;
             }
         }
+        let (open, mut arriving) = (vec![1.0f32; clusters], Vec::new());
         for (b, block) in blocks.list.iter().enumerate().filter(|(_, b)| !b.back) {
             let row = of_block[b] as usize * clusters;
-            for c in 0..clusters {
-                unoccluded[row + c] += guide.arriving(c, block) * block.area;
-            }
+            guide.arriving(block, &open, &mut arriving);
+            let sums = &mut unoccluded[row..row + clusters];
+            sums.iter_mut().zip(&arriving).for_each(|(sum, arriving)| *sum += arriving * block.area);
         }
         let share = arrived
             .iter()

@@ -5,7 +5,7 @@
 //! found at 3 x 3 normals and is quadratic in between.
 
 use super::block::{Blocks, FLAT};
-use super::sweep::System;
+use super::sweep::{Radiosity, System};
 use crate::color::{Rgb, luminance};
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
@@ -55,10 +55,10 @@ pub fn sky(values: &Values) -> Rgb {
 }
 
 impl Response {
-    /// How block `b` answers while blocks receive `irradiance`; `normal` is the one that a patch shows.
-    pub fn new(system: &System, irradiance: &[Rgb], normal: &dyn Fn(usize) -> Vec3, b: usize) -> Self {
+    /// How block `b` answers while patches send `radiosity`; `normal` is the one that a patch shows.
+    pub fn new(system: &System, radiosity: &Radiosity, normal: &dyn Fn(usize) -> Vec3, b: usize) -> Self {
         let (block, found) = (&system.blocks.list[b], &system.sampled[b]);
-        let halves = [0, 1].map(|k| system.collect(&found.halves[k], irradiance));
+        let halves = [0, 1].map(|k| System::collect(&found.halves[k], radiosity));
         let skies = [0, 1].map(|k| system.sky(b, k, None));
         let landed = found.halves.iter().map(|h| h.weights.iter().sum::<f32>()).sum::<f32>() * 0.5;
         let mean = values(halves, skies, landed);
@@ -69,7 +69,7 @@ impl Response {
         if spread < FLAT {
             return Self::Flat(mean);
         }
-        let mut curved = Curved::new(system, irradiance, spread, b);
+        let mut curved = Curved::new(system, radiosity, spread, b);
         curved.scale_to(&mean, system.blocks, normal, b);
         Self::Curved(Box::new(curved))
     }
@@ -108,7 +108,7 @@ fn values(halves: [Rgb; 2], skies: [Rgb; 2], landed: f32) -> Values {
 }
 
 impl Curved {
-    fn new(system: &System, irradiance: &[Rgb], spread: f32, b: usize) -> Self {
+    fn new(system: &System, radiosity: &Radiosity, spread: f32, b: usize) -> Self {
         let (block, found) = (&system.blocks.list[b], &system.sampled[b]);
         let reach = (1.2 * spread.min(1.0)).sin().clamp(REACH[0], REACH[1]);
         let (x, y) = block.normal.any_orthonormal_pair();
@@ -117,16 +117,15 @@ impl Curved {
             let [u, v] = [node % 3, node / 3].map(|k| (k as f32 - 1.0) * reach);
             x * u + y * v + block.normal * (1.0 - u * u - v * v).max(0.0).sqrt()
         });
-        let sight = system.sight(b);
         let mut sums = [[Rgb::ZERO; 2]; 9];
         let mut landed = [0.0f32; 9];
         for (k, half) in found.halves.iter().enumerate() {
-            for link in &half.links {
-                let (direction, _, w) = found.drawn.solid_angle(&sight, link);
-                let (patch, back) = link.target();
-                let radiance = system.radiosity(patch, back, irradiance) * FRAC_1_PI;
+            for (link, weight) in half.links.iter().zip(&half.weights) {
+                let direction = link.direction();
+                let (_, w) = found.drawn.solid_angle(direction, *weight);
+                let radiance = radiosity.at(link.target()) * FRAC_1_PI;
                 for node in 0..9 {
-                    let share = normals[node].dot(direction).max(0.0) * w * half.scale;
+                    let share = normals[node].dot(direction).max(0.0) * w;
                     sums[node][k] += radiance * share;
                     landed[node] += 0.5 * FRAC_1_PI * share;
                 }

@@ -9,8 +9,6 @@ use crate::patch::{Cutter, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::trace::{Hit, Ray, Segment};
-use glam::Vec3;
-use std::f32::consts::FRAC_1_PI;
 
 /// Normals that stand for those of a curved block.
 const MOST_NORMALS: usize = 16;
@@ -30,13 +28,11 @@ impl Sampled {
     pub fn weigh(&mut self, sight: &Sight) {
         let drawn = &self.drawn;
         for half in &mut self.halves {
-            let form_factor = |(_, cos, w): (Vec3, f32, f32)| cos * w * FRAC_1_PI;
             half.weights.clear();
-            half.weights.extend(half.links.iter().map(|link| form_factor(drawn.solid_angle(sight, link))));
-            let sky: f32 = half.sky.iter().map(|link| form_factor(drawn.sky_solid_angle(sight, link))).sum();
-            half.close(half.weights.iter().sum::<f32>() + sky, drawn);
-            let scale = half.scale;
-            half.weights.iter_mut().for_each(|weight| *weight *= scale);
+            half.weights.extend(half.links.iter().map(|link| drawn.weigh(sight, link)));
+            half.sky_weights.clear();
+            half.sky_weights.extend(half.sky.iter().map(|link| drawn.weigh_sky(sight, link)));
+            half.close(drawn);
         }
     }
 

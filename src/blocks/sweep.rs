@@ -4,9 +4,7 @@
 //! shadows and textures stay sharp. Sweeps repeat until what one more would change is below a residual.
 
 use super::block::Blocks;
-use super::guide::Guide;
-use super::link::{Half, Sight};
-use super::reach::Reach;
+use super::link::Half;
 use super::shoot::Sampled;
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -16,23 +14,50 @@ use crate::patch::NONE;
 use crate::progress::Progress;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Sweeps at most: at an albedo of 0.97 light falls to a thousandth in some 230.
 const MOST_SWEEPS: u32 = 400;
+
+/// Patches that a thread takes at least.
+const BATCH: usize = 4096;
 
 /// What does not change from sweep to sweep.
 pub struct System<'a> {
     pub lit: &'a Lit<'a>,
     pub blocks: &'a Blocks,
     pub sampled: &'a [Sampled],
-    /// What shines and how far it reaches, once it is known.
-    pub bright: Option<&'a (Guide, Reach)>,
     /// What patches send of their direct light, rho E0 [lm/m^2].
     pub sent: &'a [Rgb],
-    /// Direct light on backs, as far as it is known [lx]; empty where they send none.
-    pub on_backs: &'a [Option<[Rgb; 2]>],
+    /// Direct light on backs; `None` where they send none.
+    pub on_backs: Option<&'a BackLight>,
     /// Irradiance of blocks from the sky [lx].
     pub base: &'a [Rgb],
+}
+
+/// Direct light on the backs that something sees [lx].
+#[derive(Clone, Debug, Default)]
+pub struct BackLight {
+    /// Of patches that are seen from a front.
+    pub of_patch: HashMap<u32, Rgb>,
+    /// The mean over each back block from all lights, and from those that are no surface; backs are numbered from 0.
+    pub of_block: Vec<Option<[Rgb; 2]>>,
+}
+
+/// What patches send [lm/m^2].
+#[derive(Default)]
+pub struct Radiosity {
+    fronts: Vec<Rgb>,
+    /// Empty where nothing is double-sided.
+    backs: Vec<Rgb>,
+}
+
+impl Radiosity {
+    /// What is sent where a link ends.
+    #[inline]
+    pub fn at(&self, (patch, back): (usize, bool)) -> Rgb {
+        if back { self.backs[patch] } else { self.fronts[patch] }
+    }
 }
 
 /// How sweeps ended.
@@ -44,23 +69,36 @@ pub struct Swept {
 }
 
 impl System<'_> {
-    /// Block `b` and what it sees shine.
-    pub fn sight(&self, b: usize) -> Sight<'_> {
-        Sight { block: &self.blocks.list[b], bright: self.bright.map(|(guide, reach)| (guide, reach.of(b))) }
+    /// What patches send while blocks receive `irradiance`: links read it in one place.
+    pub fn radiosity(&self, irradiance: &[Rgb]) -> Radiosity {
+        let mut radiosity = Radiosity::default();
+        self.send(irradiance, &mut radiosity);
+        radiosity
     }
 
-    /// What a link's target sends [lm/m^2] while blocks receive `irradiance`.
-    #[inline]
-    pub fn radiosity(&self, patch: usize, back: bool, irradiance: &[Rgb]) -> Rgb {
-        let albedo = self.lit.reflectance.0[patch];
-        let of = if back { &self.blocks.back_of } else { &self.blocks.front_of };
-        let own = match back {
-            true => self.on_backs.get(patch).copied().flatten().map_or(Rgb::ZERO, |direct| albedo * direct[0]),
-            false => self.sent[patch],
+    /// The same in place.
+    fn send(&self, irradiance: &[Rgb], radiosity: &mut Radiosity) {
+        let (albedo, blocks) = (&self.lit.reflectance.0, self.blocks);
+        let of_front = |i: usize| match blocks.front_of[i] {
+            NONE => self.sent[i],
+            b => self.sent[i] + albedo[i] * irradiance[b as usize],
         };
-        match of[patch] {
-            NONE => own,
-            b => own + albedo * irradiance[b as usize],
+        (0..albedo.len()).into_par_iter().with_min_len(BATCH).map(of_front).collect_into_vec(&mut radiosity.fronts);
+        let fronts = blocks.fronts();
+        if fronts == blocks.list.len() {
+            return;
+        }
+        let of_back = |i: usize| match blocks.back_of[i] {
+            NONE => Rgb::ZERO,
+            b => {
+                let direct = self.on_backs.and_then(|on_backs| on_backs.of_block[b as usize - fronts]);
+                albedo[i] * (direct.map_or(Rgb::ZERO, |d| d[0]) + irradiance[b as usize])
+            }
+        };
+        (0..albedo.len()).into_par_iter().with_min_len(BATCH).map(of_back).collect_into_vec(&mut radiosity.backs);
+        for (&i, &direct) in self.on_backs.iter().flat_map(|on_backs| &on_backs.of_patch) {
+            let i = i as usize;
+            radiosity.backs[i] = albedo[i] * (direct + irradiance[blocks.back_of[i] as usize]);
         }
     }
 
@@ -75,33 +113,29 @@ impl System<'_> {
     pub fn each_sky(&self, b: usize, k: usize, normal: Option<Vec3>, mut add: impl FnMut(Rgb)) {
         let Some(sky) = &self.lit.lights.sky else { return };
         let found = &self.sampled[b];
-        let (sight, scale) = (self.sight(b), found.halves[k].scale);
-        for (direction, mean, w) in found.halves[k].sky.iter().map(|link| found.drawn.sky_solid_angle(&sight, link)) {
+        for (link, weight) in found.halves[k].sky.iter().zip(&found.halves[k].sky_weights) {
+            let direction = link.direction();
+            let (mean, w) = found.drawn.solid_angle(direction, *weight);
             let cos = normal.map_or(mean, |n| n.dot(direction));
             if cos > 0.0 {
                 let share = hemisphere_weight(self.lit.lights, self.lit.params, direction, cos);
-                add(sky.radiance(self.lit.ground.scene, direction) * (share * cos * w * scale));
+                add(sky.radiance(self.lit.ground.scene, direction) * (share * cos * w));
             }
         }
     }
 
     /// Irradiance of half `half` by links.
-    pub fn collect(&self, half: &Half, irradiance: &[Rgb]) -> Rgb {
-        let mut sum = Rgb::ZERO;
-        for (link, weight) in half.links.iter().zip(&half.weights) {
-            let (patch, back) = link.target();
-            sum += self.radiosity(patch, back, irradiance) * *weight;
-        }
-        sum
+    pub fn collect(half: &Half, radiosity: &Radiosity) -> Rgb {
+        half.links.iter().zip(&half.weights).map(|(link, weight)| radiosity.at(link.target()) * *weight).sum()
     }
 
     /// Irradiance of every block after one more bounce.
-    pub fn sweep(&self, irradiance: &[Rgb]) -> Vec<Rgb> {
+    fn sweep(&self, radiosity: &Radiosity) -> Vec<Rgb> {
         (0..self.blocks.list.len())
             .into_par_iter()
             .map(|b| {
                 let [first, second] = &self.sampled[b].halves;
-                self.base[b] + 0.5 * (self.collect(first, irradiance) + self.collect(second, irradiance))
+                self.base[b] + 0.5 * (Self::collect(first, radiosity) + Self::collect(second, radiosity))
             })
             .collect()
     }
@@ -119,9 +153,11 @@ impl System<'_> {
     ) -> Result<Swept> {
         let mut swept = Swept::default();
         let mut before: Option<f64> = None;
+        let mut radiosity = Radiosity::default();
         for sweep in 0..most.unwrap_or(MOST_SWEEPS) {
             progress.check()?;
-            let next = self.sweep(irradiance);
+            self.send(irradiance, &mut radiosity);
+            let next = self.sweep(&radiosity);
             let (mut change, mut total) = (0.0f64, 0.0f64);
             for (b, block) in self.blocks.list.iter().enumerate() {
                 let area = f64::from(block.area);
