@@ -17,6 +17,7 @@ pub mod light;
 pub mod load;
 pub mod patch;
 pub mod pipeline;
+mod plane;
 pub mod post;
 pub mod progress;
 pub mod reference;

@@ -1,8 +1,8 @@
 //! Effort where the error is: how many samples each block gets, and what error is left.
 //!
 //! For a given number of samples the noise over all blocks is least where each gets them in proportion to the standard deviation of
-//! one sample times the root of its area. Errors are weighed against the geometric mean of the block's light and the scene's, so
-//! that dark rooms are not left in the dark.
+//! one sample times the root of its area. Errors are weighed against a mean of the block's light and the scene's, so that dark
+//! rooms are not left in the dark.
 
 use super::block::Block;
 use super::field::Field;
@@ -28,6 +28,18 @@ const WORST: f64 = 0.01;
 
 /// Blocks darker than this share of the mean are held to no less absolutely.
 const DARKEST: f32 = 0.02;
+
+/// Errors are weighed against `own^OWN mean^(1 - OWN)` of the block's light and the scene's: at 1 dark corners would take all samples, at 0
+/// they would be left to the noise.
+const OWN: f32 = 0.6;
+
+/// Of errors so weighed, the part that counts beside those over the mean light.
+pub const LOCAL_PART: f64 = 0.85;
+
+/// What the error of a block with the light `own` is weighed against where the scene has `mean` [lx].
+fn level(own: f32, mean: f32) -> f32 {
+    if mean > 0.0 { mean * (own / mean).max(DARKEST).powf(OWN) } else { f32::MIN_POSITIVE }
+}
 
 /// How much each block matters, and what is known of its noise.
 pub struct Stakes {
@@ -97,7 +109,7 @@ impl Stakes {
         };
         Self {
             variance: (0..direct.len()).into_par_iter().map(pooled).collect(),
-            level: (0..direct.len()).map(|b| (all(b).max(DARKEST * mean) * mean).sqrt()).collect(),
+            level: (0..direct.len()).map(|b| level(all(b), mean)).collect(),
             mean,
             gain,
         }
@@ -219,7 +231,7 @@ impl Left {
 
     /// The larger of the errors against the scene's light and against each block's own.
     pub fn error(&self) -> f64 {
-        self.noise.hypot(self.bias).max(self.local)
+        self.noise.hypot(self.bias).max(LOCAL_PART * self.local)
     }
 }
 

@@ -6,7 +6,7 @@ use super::guide::Guide;
 use super::link::{Sight, SkyLink};
 use super::reach::Reach;
 use super::respond::Response;
-use super::shoot::{Draw, Sampled, Samples};
+use super::shoot::{Draw, Sampled, Samples, Scratch};
 use super::show::neighbours;
 use super::sky_cells::{Escaped, SkyCells};
 use super::sweep::{BackLight, Radiosity, Swept, System};
@@ -141,7 +141,7 @@ impl<'a> Field<'a> {
         let mut sampled = std::mem::take(&mut self.sampled);
         let Self { lit, params, blocks, irradiance, bright, .. } = &*self;
         let draw = Draw { lit, blocks, seed: params.seed };
-        let one = |b: usize, found: &mut Sampled| -> (u64, Vec<u32>) {
+        let one = |b: usize, found: &mut Sampled, scratch: &mut Scratch| -> (u64, Vec<u32>) {
             let count = plan[b];
             let from = [0, 1].map(|k| found.halves[k].links.len());
             let mut arriving = Vec::new();
@@ -166,7 +166,7 @@ impl<'a> Field<'a> {
                 guide: bright.as_ref().map(|b| &b.0),
                 view: view.as_ref().map(|v| &v.0),
             };
-            draw.sample(b, samples, found);
+            draw.sample(b, samples, found, scratch);
             let sight = bright.as_ref().map(|(guide, _)| Sight::new(guide, &found.drawn, arriving));
             found.weigh(&sight.unwrap_or_default());
             let mut backs: Vec<u32> = (found.halves.iter().zip(from))
@@ -182,10 +182,13 @@ impl<'a> Field<'a> {
             .par_iter_mut()
             .enumerate()
             .filter(|(b, _)| plan[*b] > 0)
-            .map(|(b, found)| {
-                progress.check()?;
-                Ok(one(b, found))
-            })
+            .map_init(
+                || Scratch::new(lit.ground),
+                |scratch, (b, found)| {
+                    progress.check()?;
+                    Ok(one(b, found, scratch))
+                },
+            )
             .collect();
         self.sampled = sampled;
         let done = done?;

@@ -12,7 +12,6 @@ mod effort;
 mod field;
 pub mod guide;
 pub mod link;
-mod plane;
 pub mod reach;
 pub mod respond;
 pub mod shoot;
@@ -75,6 +74,9 @@ const SECOND: u32 = 32;
 /// Looks for one error, and the number of them after which blocks are split.
 const ROUNDS: usize = 6;
 const SPLITS: usize = 2;
+
+/// Rounds with fewer samples than this share of all before bring nothing.
+const WORTHWHILE: f64 = 0.05;
 
 /// Residual at which sweeps end between rounds.
 const ROUGH: f64 = 0.01;
@@ -194,8 +196,9 @@ impl<'a> Run<'a> {
             let is_split = round <= SPLITS && self.split(&coarse);
             // What has been split may have to be split again: sampled to the end it would be in vain.
             plan = self.plan(aim, is_split && round < SPLITS);
-            if plan.iter().all(|&samples| samples == 0) {
-                return if is_split { self.look(&plan) } else { Ok(judged) };
+            let wanted: u64 = plan.iter().map(|&samples| 2 * u64::from(samples)).sum();
+            if !is_split && (wanted as f64) < WORTHWHILE * self.field.rays as f64 {
+                return Ok(judged);
             }
             round += 1;
         }
@@ -209,7 +212,7 @@ impl<'a> Run<'a> {
             return fronts.iter().map(|b| b.samples(4, SECOND)).collect();
         }
         let stakes = Stakes::new(&self.field, &self.variance, self.direct, self.gain);
-        let target = (NOISE_PART * aim).powi(2) * if part { 2.0 } else { 1.0 };
+        let target = (NOISE_PART * aim / effort::LOCAL_PART).powi(2) * if part { 2.0 } else { 1.0 };
         let params = self.field.params;
         let texels = self.field.lit.ground.patches.len() as f64;
         let left = self.time_left().zip(self.rate).map(|(time, rate)| time * rate);

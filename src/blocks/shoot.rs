@@ -5,7 +5,7 @@ use super::guide::{Aim, Found, Guide, View};
 use super::link::{Drawn, Half, Link, Sight, SkyLink};
 use crate::light::Lit;
 use crate::light::direct::{Arriving, DirectParams, Receiver, glimpse};
-use crate::patch::{Cutter, NONE, SurfacePoint};
+use crate::patch::{Cutter, Footprint, Ground, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::trace::{Hit, Ray, Segment};
@@ -60,34 +60,68 @@ pub struct Draw<'a> {
     pub seed: u32,
 }
 
-/// One sample: its half, the numbers that are left once its place is chosen, and that place.
+/// One sample: its half, its number in the sequence of its strategy, where it is taken, and the random numbers: two for the place,
+/// two for what is done there.
+#[derive(Clone, Copy)]
 struct Start {
     half: usize,
-    u: [f32; 2],
     index: u32,
     point: SurfacePoint,
+    u: [f32; 4],
+}
+
+/// Memory that the samples of one block after the other are drawn in.
+pub struct Scratch<'a> {
+    cutter: Cutter<'a>,
+    footprint: Footprint,
+    starts: Vec<Start>,
+    /// The member of the block that each sample falls on; the samples by member; and the ends of each member's run of them.
+    members: Vec<u32>,
+    order: Vec<u32>,
+    ends: Vec<u32>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+    segments: Vec<Segment>,
+    links: Vec<(usize, Link)>,
+    halves: Vec<usize>,
+    blocked: Vec<bool>,
+}
+
+impl<'a> Scratch<'a> {
+    /// For blocks of `ground`.
+    pub fn new(ground: &'a Ground<'a>) -> Self {
+        Self {
+            cutter: Cutter::new(ground),
+            footprint: Footprint::default(),
+            starts: Vec::new(),
+            members: Vec::new(),
+            order: Vec::new(),
+            ends: Vec::new(),
+            rays: Vec::new(),
+            hits: Vec::new(),
+            segments: Vec::new(),
+            links: Vec::new(),
+            halves: Vec::new(),
+            blocked: Vec::new(),
+        }
+    }
 }
 
 impl Draw<'_> {
     /// Adds `samples` to both halves of block `b`.
-    pub fn sample(&self, b: usize, samples: Samples, found: &mut Sampled) {
+    pub fn sample(&self, b: usize, samples: Samples, found: &mut Sampled, scratch: &mut Scratch) {
         let Samples { hemisphere, areas, guide, view } = samples;
-        let mut us: Vec<(usize, u32, [f32; 4])> = Vec::with_capacity(2 * (hemisphere + areas) as usize);
+        let mut starts = std::mem::take(&mut scratch.starts);
+        starts.clear();
         for (stage, count) in [(Stage::Block, hemisphere), (Stage::BlockArea, areas)] {
             let first = if stage == Stage::Block { found.drawn.hemisphere } else { found.drawn.areas };
-            for k in 0..2 {
-                let sequence = self.sequence(stage, b, k);
-                us.extend((first..first + count).map(|index| (k, index, sequence.point(index, 0))));
+            for half in 0..2 {
+                let sequence = self.sequence(stage, b, half);
+                let start = |index| Start { half, index, point: SurfacePoint::NOWHERE, u: sequence.point(index, 0) };
+                starts.extend((first..first + count).map(start));
             }
         }
-        let points = self.points(b, us.iter().map(|(_, _, u)| [u[0], u[1]]));
-        let start = |((half, index, u), point): (&(usize, u32, [f32; 4]), &SurfacePoint)| Start {
-            half: *half,
-            u: [u[2], u[3]],
-            index: *index,
-            point: *point,
-        };
-        let starts: Vec<Start> = us.iter().zip(&points).map(start).collect();
+        self.place(b, &mut starts, scratch);
         let (over_hemisphere, to_areas) = starts.split_at(2 * hemisphere as usize);
         if found.drawn.normals.0.is_empty() {
             let block = &self.blocks.list[b];
@@ -97,59 +131,78 @@ impl Draw<'_> {
                 over_hemisphere.iter().take(MOST_NORMALS).map(|s| s.point.normal).collect()
             };
         }
-        self.hemisphere(over_hemisphere, guide, found);
+        self.hemisphere(over_hemisphere, guide, found, scratch);
         found.drawn.hemisphere += hemisphere;
         if let (Some(guide), Some(view)) = (guide, view) {
-            self.areas(b, to_areas, guide, view, found);
+            self.areas(b, to_areas, guide, view, found, scratch);
             found.drawn.expect(view, areas);
         }
+        scratch.starts = starts;
     }
 
-    /// Points on block `b` at each of `us`; on backs their normals point away from the back.
-    fn points(&self, b: usize, us: impl Iterator<Item = [f32; 2]>) -> Vec<SurfacePoint> {
-        let Lit { ground, exposure, .. } = *self.lit;
+    /// Finds the points of `starts` on block `b`; on backs their normals point away from the back.
+    fn place(&self, b: usize, starts: &mut [Start], scratch: &mut Scratch) {
+        let Lit { exposure, .. } = *self.lit;
         let block = &self.blocks.list[b];
-        let mut picks: Vec<(u32, u32, [f32; 2])> = us
-            .enumerate()
-            .map(|(index, [x, y])| {
-                let (k, rest) = self.blocks.pick(b, x);
-                (k as u32, index as u32, [rest, y])
-            })
-            .collect();
-        // Those of one texel in a row, so that its footprint is cut once.
-        picks.sort_unstable_by_key(|p| (p.0, p.1));
+        let Scratch { cutter, footprint, members, order, ends, .. } = scratch;
+        members.clear();
+        ends.clear();
+        ends.resize(block.texels(), 0);
+        for start in starts.iter_mut() {
+            let (k, rest) = self.blocks.pick(b, start.u[0]);
+            start.u[0] = rest;
+            members.push(k as u32 - block.first);
+            ends[k - block.first as usize] += 1;
+        }
+        // Those of one texel in a row, so that its footprint is cut once: counted, then laid out from the last to the first.
+        let mut sum = 0;
+        for end in ends.iter_mut() {
+            sum += *end;
+            *end = sum;
+        }
+        order.clear();
+        order.resize(starts.len(), 0);
+        for (at, &member) in members.iter().enumerate().rev() {
+            let end = &mut ends[member as usize];
+            *end -= 1;
+            order[*end as usize] = at as u32;
+        }
         let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal };
-        let mut points = vec![middle; picks.len()];
-        let mut cutter = Cutter::new(ground);
         let side = if block.back { -1.0 } else { 1.0 };
-        for group in picks.chunk_by(|p, q| p.0 == q.0) {
-            let patch = self.blocks.order[group[0].0 as usize] as usize;
-            let mut footprint = cutter.footprint(patch);
-            if footprint.is_empty() {
-                continue;
+        let mut last = None;
+        for &at in order.iter() {
+            let member = members[at as usize];
+            if last != Some(member) {
+                let patch = self.blocks.order[(block.first + member) as usize] as usize;
+                cutter.cut(patch, footprint);
+                if !block.back {
+                    footprint.restrict(exposure.cells[patch]);
+                }
+                last = Some(member);
             }
-            if !block.back {
-                footprint.restrict(exposure.cells[patch]);
-            }
-            for &(_, index, u) in group {
-                let point = footprint.sample(u);
-                points[index as usize] = SurfacePoint { normal: point.normal * side, ..point };
+            let start = &mut starts[at as usize];
+            start.point = middle;
+            if !footprint.is_empty() {
+                let point = footprint.sample([start.u[0], start.u[1]]);
+                start.point = SurfacePoint { normal: point.normal * side, ..point };
             }
         }
-        points
     }
 
-    fn hemisphere(&self, starts: &[Start], guide: Option<&Guide>, found: &mut Sampled) {
+    fn hemisphere(&self, starts: &[Start], guide: Option<&Guide>, found: &mut Sampled, scratch: &mut Scratch) {
         let Lit { ground, .. } = *self.lit;
         let has_sky = self.lit.lights.sky.is_some();
+        let Scratch { rays, hits, .. } = scratch;
         let ray = |s: &Start| Ray {
             origin: ground.tracer.off_surface(s.point.position, s.point.normal),
-            direction: frame(s.point.normal) * cosine_hemisphere(s.u),
+            direction: frame(s.point.normal) * cosine_hemisphere([s.u[2], s.u[3]]),
         };
-        let rays: Vec<Ray> = starts.iter().map(ray).collect();
-        let mut hits: Vec<Option<Hit>> = vec![None; rays.len()];
-        ground.tracer.closest(&rays, &mut hits);
-        for ((start, ray), hit) in starts.iter().zip(&rays).zip(&hits) {
+        rays.clear();
+        rays.extend(starts.iter().map(ray));
+        hits.clear();
+        hits.resize(rays.len(), None);
+        ground.tracer.closest(rays, hits);
+        for ((start, ray), hit) in starts.iter().zip(&*rays).zip(&*hits) {
             let half = &mut found.halves[start.half];
             let Some(hit) = hit else {
                 if has_sky {
@@ -176,17 +229,28 @@ impl Draw<'_> {
         }
     }
 
-    fn areas(&self, b: usize, starts: &[Start], guide: &Guide, view: &View, found: &mut Sampled) {
+    fn areas(
+        &self,
+        b: usize,
+        starts: &[Start],
+        guide: &Guide,
+        view: &View,
+        found: &mut Sampled,
+        scratch: &mut Scratch,
+    ) {
         let tracer = self.lit.ground.tracer;
         let sequences = [0, 1].map(|k| self.sequence(Stage::BlockArea, b, k));
-        let (mut segments, mut links) = (Vec::new(), Vec::new());
-        let (mut rays, mut halves) = (Vec::new(), Vec::new());
+        let Scratch { rays, segments, links, halves, blocked, .. } = scratch;
+        segments.clear();
+        links.clear();
+        rays.clear();
+        halves.clear();
         for start in starts {
             let origin = tracer.off_surface(start.point.position, start.point.normal);
-            let (cluster, rest) = view.pick(start.u[0]);
+            let (cluster, rest) = view.pick(start.u[2]);
             // A place takes two numbers: one is what is left of the choice of the cluster, shifted by a number of its own.
             let shift = sequences[start.half].point(start.index, 1)[0];
-            match guide.aim(cluster, origin, [(rest + shift).fract(), start.u[1]]) {
+            match guide.aim(cluster, origin, [(rest + shift).fract(), start.u[3]]) {
                 Some(Aim::Patch { patch, position, normal }) => {
                     let way = position - origin;
                     let square = way.length_squared();
@@ -204,14 +268,15 @@ impl Draw<'_> {
                 _ => {}
             }
         }
-        let mut blocked = vec![false; segments.len().max(rays.len())];
-        tracer.occluded(&segments, &mut blocked[..segments.len()]);
-        for ((half, link), _) in links.into_iter().zip(&blocked).filter(|(_, blocked)| !**blocked) {
-            found.halves[half].links.push(link);
+        blocked.clear();
+        blocked.resize(segments.len().max(rays.len()), false);
+        tracer.occluded(segments, &mut blocked[..segments.len()]);
+        for ((half, link), _) in links.iter().zip(&*blocked).filter(|(_, blocked)| !**blocked) {
+            found.halves[*half].links.push(*link);
         }
-        tracer.occluded_rays(&rays, &mut blocked[..rays.len()]);
-        for ((ray, half), _) in rays.iter().zip(halves).zip(&blocked).filter(|(_, blocked)| !**blocked) {
-            found.halves[half].sky.push(SkyLink::new(ray.direction, guide.find_sky(ray.origin, ray.direction)));
+        tracer.occluded_rays(rays, &mut blocked[..rays.len()]);
+        for ((ray, half), _) in rays.iter().zip(&*halves).zip(&*blocked).filter(|(_, blocked)| !**blocked) {
+            found.halves[*half].sky.push(SkyLink::new(ray.direction, guide.find_sky(ray.origin, ray.direction)));
         }
     }
 

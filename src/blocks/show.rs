@@ -5,9 +5,9 @@
 //! normal ([`Response`]), so that a column is round however large its blocks are.
 
 use super::block::Blocks;
-use super::plane::Plane;
 use super::respond::{DIFFERENCE, LANDED, Response, Values};
 use crate::light::Lit;
+use crate::plane::Plane;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 

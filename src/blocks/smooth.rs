@@ -6,8 +6,8 @@
 //! both pooled over the neighbourhood. What error remains follows: the kept share of the noise.
 
 use super::block::Blocks;
-use super::plane::Plane;
 use super::respond::{DIFFERENCE, Response, Values, light};
+use crate::plane::Plane;
 use glam::Vec2;
 use rayon::prelude::*;
 

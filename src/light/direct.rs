@@ -6,8 +6,9 @@
 //! many rays as its share needs. What comes out of it may differ from the next patch again, so edges are followed.
 
 use super::emitter::{Emitter, Sight};
+use super::penumbra::Penumbra;
 use super::receiver::Site;
-use super::shadow::{Ballot, Look, Volley, examine, glance};
+use super::shadow::{Ballot, Examined, Look, Volley, examine, glance};
 use super::skylight::from_sky;
 use super::{Lights, Lit};
 use crate::Result;
@@ -62,6 +63,10 @@ const BLOCK_LEVEL: u32 = 3;
 const MOST_SAMPLES: u32 = 1024;
 /// The same from one of the several receivers of a surface that no texel shows.
 const MOST_ARRIVING: u32 = 64;
+/// What neighbours take out of it, noise may be more at first.
+const GRAIN: f32 = 3.0;
+/// Patches that keep more than this share of their difference to those around are looked at until they have no noise to speak of.
+const SHARP: f32 = 0.5;
 /// How often shadow edges are followed to patches around; each time by one patch.
 const MOST_ROUNDS: usize = 16;
 
@@ -86,7 +91,10 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
         .collect::<Result<_>>()?;
     let around: Vec<f32> = glances.iter().map(|block| mean_light(block)).collect();
     let (mut arriving, ballots): (Vec<Arriving>, Vec<Ballot>) = glances.into_iter().flatten().unzip();
-    look_closely(lit, &blocks, &around, ballots, &mut arriving, progress)?;
+    let close = Close { lit, blocks: &blocks, around: &around, progress };
+    let noise = close.follow(ballots, &mut arriving)?;
+
+    close.settle(noise, &mut arriving)?;
     if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) {
         add_sky(lit, &blocks, &mut arriving, progress)?;
     }
@@ -126,8 +134,8 @@ fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
     let site = Site::new(receiver, 0.0, &[]);
     // Of the light around nothing is known.
-    let look = Look { closely, around: 0.0, most_samples: MOST_ARRIVING };
-    let (mut sum, _) = examine(sight, &emitters, &site, look, &mut Volley::default());
+    let look = Look { closely, around: 0.0, error: sight.params.shadow_error, most_samples: MOST_ARRIVING };
+    let mut sum = examine(sight, &emitters, &site, look, &mut Volley::default()).arriving;
     from_sky(sight, receiver, &mut sum);
     sum
 }
@@ -137,67 +145,95 @@ fn mean_light(block: &[(Arriving, Ballot)]) -> f32 {
     block.iter().map(|(a, _)| luminance(a.transport)).sum::<f32>() / block.len() as f32
 }
 
-/// Looks closely wherever a light is disputed, and follows what is found.
-fn look_closely(
-    lit: &Lit,
-    blocks: &[Range<usize>],
-    around: &[f32],
-    mut ballots: Vec<Ballot>,
-    arriving: &mut [Arriving],
-    progress: &dyn Progress,
-) -> Result<()> {
-    let ground = lit.ground;
-    let mut closely = vec![0u32; ballots.len()];
-    // Patches around which something may be disputed that was not before, by block.
-    let mut candidates: Vec<(usize, Vec<usize>)> =
-        blocks.iter().enumerate().map(|(b, block)| (b, block.clone().collect())).collect();
-    for _ in 0..MOST_ROUNDS {
-        let found: Vec<Vec<(usize, u32, Arriving, Ballot)>> = candidates
-            .par_iter()
-            .map(|(b, patches)| {
-                progress.check()?;
-                let wanted = |i: &usize| {
-                    let all = ground.neighbours(*i).fold(ballots[*i], |all, j| all.or(ballots[j]));
-                    let disputed = all.disputed(ballots[*i]);
-                    (disputed & !closely[*i] != 0).then_some((*i, disputed | closely[*i]))
-                };
-                let (members, bits): (Vec<usize>, Vec<u32>) = patches.iter().filter_map(wanted).unzip();
-                if members.is_empty() {
-                    return Ok(Vec::new());
+/// Close looks at the light of blocks.
+struct Close<'a> {
+    lit: &'a Lit<'a>,
+    blocks: &'a [Range<usize>],
+    /// Mean light around each [lx].
+    around: &'a [f32],
+    progress: &'a dyn Progress,
+}
+
+/// Patches that were looked at closely.
+struct Noise {
+    /// The bits of the emitters concerned, by patch.
+    closely: Vec<u32>,
+    /// What is left of noise [lx^2] (luminance), by patch.
+    variance: Vec<f32>,
+}
+
+impl Close<'_> {
+    /// Looks closely wherever a light is disputed, and follows what is found.
+    fn follow(&self, mut ballots: Vec<Ballot>, arriving: &mut [Arriving]) -> Result<Noise> {
+        let lit = self.lit;
+        let mut noise = Noise { closely: vec![0; ballots.len()], variance: vec![0.0; ballots.len()] };
+        // Patches around which something may be disputed that was not before.
+        let mut candidates: Vec<usize> = (0..ballots.len()).collect();
+        for _ in 0..MOST_ROUNDS {
+            let wanted = |i: usize| {
+                let all = lit.ground.neighbours(i).fold(ballots[i], |all, j| all.or(ballots[j]));
+                let disputed = all.disputed(ballots[i]);
+                (disputed & !noise.closely[i] != 0).then_some((i, disputed | noise.closely[i]))
+            };
+            let wanted: Vec<(usize, u32)> = candidates.into_par_iter().filter_map(wanted).collect();
+            let mut next = Vec::new();
+            for (&(i, bits), examined) in wanted.iter().zip(self.examine(&wanted, GRAIN * lit.params.shadow_error)?) {
+                noise.closely[i] = bits;
+                let ballot = examined.ballot;
+                examined.replace(&mut arriving[i], &mut noise.variance[i]);
+                if ballot != ballots[i] {
+                    ballots[i] = ballot.or(ballots[i]);
+                    next.extend(lit.ground.neighbours(i));
                 }
-                let looked = at_block(lit, &blocks[*b], &members, |sight, emitters, sites| {
+            }
+            if next.is_empty() {
+                break;
+            }
+            next.sort_unstable();
+            next.dedup();
+            candidates = next;
+        }
+        Ok(noise)
+    }
+
+    /// Takes the grain out of penumbrae, and has another look at what the patches around can't tell.
+    fn settle(&self, mut noise: Noise, arriving: &mut [Arriving]) -> Result<()> {
+        let ground = self.lit.ground;
+        let first = Penumbra::new(ground, arriving, &noise.variance);
+        let sharp = |(&i, &kept): (&u32, &f32)| (kept > SHARP).then_some((i as usize, noise.closely[i as usize]));
+        let sharp: Vec<(usize, u32)> = first.patches.iter().zip(&first.kept).filter_map(sharp).collect();
+        for (&(i, _), examined) in sharp.iter().zip(self.examine(&sharp, self.lit.params.shadow_error)?) {
+            examined.replace(&mut arriving[i], &mut noise.variance[i]);
+        }
+        let settled = if sharp.is_empty() { first } else { Penumbra::new(ground, arriving, &noise.variance) };
+        settled.settle(arriving);
+        Ok(())
+    }
+
+    /// Examines patches, in order, each with the bits of emitters that it looks at closely.
+    fn examine(&self, wanted: &[(usize, u32)], error: f32) -> Result<Vec<Examined>> {
+        let block_of = |i: usize| self.blocks.partition_point(|block| block.end <= i);
+        let by_block: Vec<(usize, &[(usize, u32)])> = wanted
+            .chunk_by(|(i, _), (j, _)| self.blocks[block_of(*i)].contains(j))
+            .map(|wanted| (block_of(wanted[0].0), wanted))
+            .collect();
+        let looked: Vec<Vec<Examined>> = by_block
+            .into_par_iter()
+            .map(|(b, wanted)| {
+                self.progress.check()?;
+                let (members, bits): (Vec<usize>, Vec<u32>) = wanted.iter().copied().unzip();
+                Ok(at_block(self.lit, &self.blocks[b], &members, |sight, emitters, sites| {
                     let mut volley = Volley::default();
                     let look = |(site, bits): (&Site, &u32)| {
-                        let look = Look { closely: *bits, around: around[*b], most_samples: MOST_SAMPLES };
+                        let look = Look { closely: *bits, around: self.around[b], error, most_samples: MOST_SAMPLES };
                         examine(sight, emitters, site, look, &mut volley)
                     };
                     sites.iter().zip(&bits).map(look).collect()
-                });
-                Ok(members.into_iter().zip(bits).zip(looked).map(|((i, c), (a, v))| (i, c, a, v)).collect())
+                }))
             })
             .collect::<Result<_>>()?;
-        let mut next = Vec::new();
-        for (i, bits, arrived, ballot) in found.into_iter().flatten() {
-            let rays = arriving[i].rays;
-            arriving[i] = Arriving { rays: rays + arrived.rays, ..arrived };
-            closely[i] = bits;
-            if ballot != ballots[i] {
-                ballots[i] = ballot.or(ballots[i]);
-                next.extend(ground.neighbours(i));
-            }
-        }
-        if next.is_empty() {
-            break;
-        }
-        next.sort_unstable();
-        next.dedup();
-        let block_of = |i: usize| blocks.partition_point(|block| block.end <= i);
-        candidates = next
-            .chunk_by(|i, j| block_of(*i) == block_of(*j))
-            .map(|patches| (block_of(patches[0]), patches.to_vec()))
-            .collect();
+        Ok(looked.into_iter().flatten().collect())
     }
-    Ok(())
 }
 
 /// Adds what brightness samples find of the sky.

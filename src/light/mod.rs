@@ -6,6 +6,7 @@
 pub mod delta;
 pub mod direct;
 pub mod emitter;
+mod penumbra;
 pub mod polygon;
 pub mod receiver;
 mod shadow;

@@ -40,6 +40,8 @@ pub(super) struct Look {
     pub closely: u32,
     /// Mean luminance of the light around [lx]: what errors are relative to, see [`IN_THE_DARK`].
     pub around: f32,
+    /// Standard error of the light from each, relative to the light around.
+    pub error: f32,
     /// Samples of each, at most.
     pub most_samples: u32,
 }
@@ -49,7 +51,7 @@ pub(super) struct Look {
 const IN_THE_DARK: f32 = 0.25;
 
 /// Samples of a close look at first.
-const CLOSE_SAMPLES: u32 = 16;
+const CLOSE_SAMPLES: u32 = 8;
 
 /// Shadow rays that are traced together: all to one emitter.
 #[derive(Default)]
@@ -136,9 +138,19 @@ impl Tally {
         if light <= 0.0 {
             return 0.0;
         }
-        // As if one more had seen it and one more had not: a share of the first samples is never sure.
-        let p = (self.visible + 1) as f32 / (self.facing + 2) as f32;
+        let p = self.share();
         ((p * (1.0 - p)).sqrt() * light / (error * around.max(p * light))).powf(4.0 / 3.0)
+    }
+
+    /// The variance of the light from an emitter that would bring `light` unoccluded.
+    fn variance(&self, light: f32) -> f32 {
+        let p = self.share();
+        p * (1.0 - p) * light * light * (self.facing.max(1) as f32).powf(-1.5)
+    }
+
+    /// The visible share, as if one more sample had seen the emitter and one more had not: a share of the first samples is never sure.
+    fn share(&self) -> f32 {
+        (self.visible + 1) as f32 / (self.facing + 2) as f32
     }
 }
 
@@ -206,15 +218,26 @@ fn first_samples(sight: &Sight, emitter: Emitter) -> (u32, u32) {
     }
 }
 
+/// What a close look found.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Examined {
+    pub arriving: Arriving,
+    pub ballot: Ballot,
+    /// Of what arrives [lx^2] (luminance), as far as it is known.
+    pub variance: f32,
+}
+
+impl Examined {
+    /// Puts it in the place of what was found before, with the rays that took.
+    pub fn replace(self, arriving: &mut Arriving, variance: &mut f32) {
+        *arriving = Arriving { rays: arriving.rays + self.arriving.rays, ..self.arriving };
+        *variance = self.variance;
+    }
+}
+
 /// As a glance at one site, but for emitters that are looked at closely.
-pub(super) fn examine(
-    sight: &Sight,
-    emitters: &[Emitter],
-    site: &Site,
-    look: Look,
-    volley: &mut Volley,
-) -> (Arriving, Ballot) {
-    let (mut sum, mut ballot) = (Arriving::default(), Ballot::default());
+pub(super) fn examine(sight: &Sight, emitters: &[Emitter], site: &Site, look: Look, volley: &mut Volley) -> Examined {
+    let mut found = Examined::default();
     let unoccluded: Vec<Option<[f32; 2]>> = emitters.iter().map(|e| e.unoccluded(sight, site)).collect();
     let light = |emitter: Emitter, whole: Option<[f32; 2]>| whole.map_or(0.0, |w| w[0] * emitter.brightness(sight));
     let total: f32 = emitters.iter().zip(&unoccluded).map(|(e, w)| light(*e, *w)).sum();
@@ -237,12 +260,15 @@ pub(super) fn examine(
             tally.count = count;
             if is_close {
                 // The points of a whole power of two are spread most evenly.
-                let wanted = tally.wanted(light, around, sight.params.shadow_error).min(look.most_samples as f32);
+                let wanted = tally.wanted(light, around, look.error).min(look.most_samples as f32);
                 count = (wanted.ceil() as u32).next_multiple_of(CLOSE_SAMPLES).min(look.most_samples);
             }
         }
-        tally.arrive(unoccluded, &mut sum);
-        ballot = ballot.or(tally.ballot(emitter.bit()));
+        tally.arrive(unoccluded, &mut found.arriving);
+        found.ballot = found.ballot.or(tally.ballot(emitter.bit()));
+        if is_close {
+            found.variance += tally.variance(light);
+        }
     }
-    (sum, ballot)
+    found
 }

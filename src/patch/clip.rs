@@ -28,7 +28,7 @@ impl Convex {
         let mut out = Self { corners: [DVec2::ZERO; MOST], count: 0 };
         let side = |p: DVec2| sign * (p[axis] - limit);
         for (i, &p) in self.corners().iter().enumerate() {
-            let q = self.corners[(i + 1) % self.count];
+            let q = self.corners[if i + 1 < self.count { i + 1 } else { 0 }];
             let (sp, sq) = (side(p), side(q));
             if sp >= 0.0 {
                 out.push(p);
@@ -57,7 +57,15 @@ impl Convex {
 
     /// The part with `low <= coordinate[axis] <= high`.
     pub fn between(&self, axis: usize, low: f64, high: f64) -> Self {
-        self.clip(axis, low, 1.0).clip(axis, high, -1.0)
+        let (least, most) = self.range(axis);
+        let mut part = *self;
+        if least < low {
+            part = part.clip(axis, low, 1.0);
+        }
+        if most > high {
+            part = part.clip(axis, high, -1.0);
+        }
+        part
     }
 
     /// Signed area, positive for a turn from +x to +y.

@@ -44,6 +44,8 @@ pub struct Piece {
     /// Weights of the triangle's corners 1 and 2 at the corners of the convex part (at most seven).
     corners: [Vec2; 8],
     count: usize,
+    /// It is the whole texel.
+    is_square: bool,
     /// Area [m^2].
     pub area: f32,
 }
@@ -121,12 +123,20 @@ impl<'a> Cutter<'a> {
 
     /// The footprint of patch `i`.
     pub fn footprint(&mut self, i: usize) -> Footprint {
+        let mut footprint = Footprint::default();
+        self.cut(i, &mut footprint);
+        footprint
+    }
+
+    /// The footprint of patch `i` in the memory of another one.
+    pub fn cut(&mut self, i: usize, footprint: &mut Footprint) {
         let ground = self.ground;
         let [page, texel] = ground.patches.texel[i];
         let width = ground.atlas.pages[page as usize][0];
         let low = DVec2::new(f64::from(texel % width), f64::from(texel / width));
         let pieces = ground.patches.pieces(i);
-        let mut footprint = Footprint { pieces: Vec::with_capacity(pieces.len()), ..Footprint::default() };
+        footprint.pieces.clear();
+        (footprint.total, footprint.cells) = (0.0, CellMask::ALL);
         for &(number, area) in pieces {
             let Cut { facet, corners: [a, b, c], .. } = *self.triangle(number);
             let whole = (b - a).perp_dot(c - a);
@@ -137,7 +147,8 @@ impl<'a> Cutter<'a> {
             let mut corners = [Vec2::ZERO; 8];
             // Most texels lie inside one triangle: there is nothing to clip.
             let square = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y].map(|d| weights(low + d));
-            let count = if square.iter().all(|w| w.x >= 0.0 && w.y >= 0.0 && w.x + w.y <= 1.0) {
+            let is_square = square.iter().all(|w| w.x >= 0.0 && w.y >= 0.0 && w.x + w.y <= 1.0);
+            let count = if is_square {
                 corners[..4].copy_from_slice(&square);
                 4
             } else {
@@ -148,11 +159,10 @@ impl<'a> Cutter<'a> {
                 part.corners().len()
             };
             if count >= 3 {
-                footprint.pieces.push(Piece { facet, corners, count, area });
+                footprint.pieces.push(Piece { facet, corners, count, is_square, area });
                 footprint.total += area;
             }
         }
-        footprint
     }
 
     fn triangle(&mut self, number: u32) -> &Cut {
@@ -260,6 +270,10 @@ impl Piece {
     /// The weights at `u` of the unit square, uniform over the piece.
     pub fn sample(&self, u: [f32; 2]) -> Vec2 {
         let o = self.corners[0];
+        if self.is_square {
+            let [x, y] = u.map(|u| u + (0.5 - u) * EDGE_MARGIN);
+            return o + (self.corners[1] - o) * x + (self.corners[3] - o) * y;
+        }
         let fan = |k: usize| (self.corners[k] - o).perp_dot(self.corners[k + 1] - o).abs();
         let total: f32 = (1..self.count - 1).map(fan).sum();
         let mut at = u[0] * total;
