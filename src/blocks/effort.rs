@@ -31,7 +31,7 @@ const DARKEST: f32 = 0.02;
 
 /// Errors are weighed against `own^OWN mean^(1 - OWN)` of the block's light and the scene's: at 1 dark corners would take all samples, at 0
 /// they would be left to the noise.
-const OWN: f32 = 0.6;
+const OWN: f32 = 0.7;
 
 /// Of errors so weighed, the part that counts beside those over the mean light.
 pub const LOCAL_PART: f64 = 0.85;

@@ -87,7 +87,7 @@ const REACH: f32 = 3.0;
 
 /// Of the error that is aimed at, the part that noise may take, and that the interpolation of a single block may.
 const NOISE_PART: f64 = 0.8;
-const DETAIL_PART: f32 = 0.5;
+const DETAIL_PART: f32 = 0.4;
 
 /// Estimates are uncertain: the error that is aimed at is this share of the one that was asked for.
 const CAUTION: f64 = 0.95;
@@ -194,8 +194,9 @@ impl<'a> Run<'a> {
             }
             let coarse = too_coarse(&self.field, &judged.stakes, &judged.smoothed, DETAIL_PART * aim as f32);
             let is_split = round <= SPLITS && self.split(&coarse);
-            // What has been split may have to be split again: sampled to the end it would be in vain.
-            plan = self.plan(aim, is_split && round < SPLITS);
+            // What has been split may have to be split again, and a first look tells little of how much noise is left when samples
+            // become many: the next one goes part of the way.
+            plan = self.plan(aim, round == 1 || is_split && round < SPLITS);
             let wanted: u64 = plan.iter().map(|&samples| 2 * u64::from(samples)).sum();
             if !is_split && (wanted as f64) < WORTHWHILE * self.field.rays as f64 {
                 return Ok(judged);
