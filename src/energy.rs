@@ -11,7 +11,9 @@ use crate::gather::{Backs, Gathered};
 use crate::light::{Direct, Lit};
 use crate::post::{Lightmap, Quantity};
 use glam::DVec3;
+use rayon::prelude::*;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Power by channel [lm], and how well it adds up.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
@@ -40,29 +42,13 @@ pub struct Bake<'a> {
 
 /// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`.
 pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
-    let patches = bake.lit.ground.patches;
-    let (mut emitted, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let count = bake.lit.ground.patches.len();
+    let parts: Vec<Power> = (0..count.div_ceil(PART))
+        .into_par_iter()
+        .map(|part| power(bake, lightmap, half, part * PART..count.min((part + 1) * PART)))
+        .collect();
+    let Power { emitted, absorbed, mut escaped } = parts.into_iter().fold(Power::default(), Power::add);
     let mut backs = DVec3::ZERO;
-    for i in 0..patches.len() {
-        let (area, whole) = (f64::from(bake.lit.exposure.area[i]), f64::from(patches.area[i]));
-        let rho = bake.lit.reflectance.0[i].as_dvec3();
-        let emittance = PI * bake.lit.emission.0[i].as_dvec3();
-        emitted += area * emittance;
-        let landed = f64::from(bake.gathered.landed_share[i]);
-        let irradiance = if bake.lit.exposure.is_buried(i) {
-            // Filled for display; no light reaches it.
-            DVec3::ZERO
-        } else {
-            written_irradiance(lightmap, patches.texel[i], rho, emittance, half)
-        };
-        absorbed += area * (DVec3::ONE - rho) * irradiance;
-        escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
-        let back = bake.backs.of_patch[i];
-        if back != crate::patch::NONE {
-            emitted += whole * emittance;
-            escaped += whole * (1.0 - f64::from(bake.backs.landed_share[back as usize])) * emittance;
-        }
-    }
     let all = bake.backs;
     for (b, area) in all.area.iter().enumerate() {
         let (rho, received) = (all.albedo[b].as_dvec3(), f64::from(*area) * all.irradiance[b].as_dvec3());
@@ -79,6 +65,54 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
         escaped: escaped.to_array(),
         imbalance: (out - into).element_sum() / into.element_sum().max(f64::MIN_POSITIVE),
     }
+}
+
+/// Patches whose power is added up at once.
+const PART: usize = 1 << 14;
+
+/// Power of some patches by channel [lm].
+#[derive(Clone, Copy, Default)]
+struct Power {
+    emitted: DVec3,
+    absorbed: DVec3,
+    escaped: DVec3,
+}
+
+impl Power {
+    fn add(self, other: Self) -> Self {
+        Self {
+            emitted: self.emitted + other.emitted,
+            absorbed: self.absorbed + other.absorbed,
+            escaped: self.escaped + other.escaped,
+        }
+    }
+}
+
+/// What the patches in `range` emit, absorb and let escape.
+fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> Power {
+    let patches = bake.lit.ground.patches;
+    let mut power = Power::default();
+    for i in range {
+        let (area, whole) = (f64::from(bake.lit.exposure.area[i]), f64::from(patches.area[i]));
+        let rho = bake.lit.reflectance.0[i].as_dvec3();
+        let emittance = PI * bake.lit.emission.0[i].as_dvec3();
+        power.emitted += area * emittance;
+        let landed = f64::from(bake.gathered.landed_share[i]);
+        let irradiance = if bake.lit.exposure.is_buried(i) {
+            // Filled for display; no light reaches it.
+            DVec3::ZERO
+        } else {
+            written_irradiance(lightmap, patches.texel(i), rho, emittance, half)
+        };
+        power.absorbed += area * (DVec3::ONE - rho) * irradiance;
+        power.escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
+        let back = bake.backs.of_patch[i];
+        if back != crate::patch::NONE {
+            power.emitted += whole * emittance;
+            power.escaped += whole * (1.0 - f64::from(bake.backs.landed_share[back as usize])) * emittance;
+        }
+    }
+    power
 }
 
 /// The irradiance that a page's texel says [lx].

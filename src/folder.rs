@@ -10,7 +10,8 @@ use crate::unwrap::Atlas;
 use crate::write::exr::{PageHeader, write_page};
 use crate::write::output::Staging;
 use crate::write::{Baked, GltfProfile, gltf, usd};
-use std::path::Path;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
 
 /// The scene file's name without its extension.
 fn stem(scene: &Path) -> String {
@@ -30,39 +31,57 @@ pub fn page_uris(scene: &Path, atlas: &Atlas, is_lit: bool) -> Vec<String> {
 pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnings: &mut Warnings) -> Result<Staging> {
     let mut staging = Staging::new(baked.folder)?;
     let scene = baked.source.path();
-    let name = scene.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    if let Some(lightmap) = baked.lightmap {
-        for (number, (page, uri)) in lightmap.pages.iter().zip(baked.page_uris).enumerate() {
-            progress.check()?;
-            let header = PageHeader {
-                quantity: baked.quantity,
-                page: number as u32,
-                density: baked.atlas.density,
-                scene: &name,
-            };
-            let layers: Vec<(&str, &[Rgb])> =
-                lightmap.layers.iter().map(|l| (l.name.as_str(), l.pages[number].as_slice())).collect();
-            let clamped = write_page(&staging.path(uri)?, page, &layers, &header, settings.float)?;
-            if clamped > 0 {
-                warnings.add(format!("{uri} ({clamped} texels)"), "too bright for half floats; bake with --float");
-            }
-        }
-    }
+    let pages = baked.page_uris.iter().map(|uri| staging.path(uri)).collect::<Result<Vec<PathBuf>>>()?;
+    let mut glbs = Vec::new();
     for profile in settings.gltf_profiles() {
-        progress.check()?;
         let file = match profile {
             GltfProfile::Engine => format!("{}.glb", stem(scene)),
             // Without light there are no colours to write.
             GltfProfile::Vertex if baked.corners.is_none() => continue,
             GltfProfile::Vertex => format!("{}.vertex.glb", stem(scene)),
         };
-        warnings.extend(gltf::write(&staging.path(file)?, baked, *profile)?);
+        glbs.push((*profile, staging.path(file)?));
     }
-    if matches!(baked.source, Source::Usd(_)) {
+    let layer = match baked.source {
+        Source::Usd(_) => Some(staging.path(format!("{}.lumel.usda", stem(scene)))?),
+        _ => None,
+    };
+    let write_glb = |(profile, path): &(GltfProfile, PathBuf)| {
         progress.check()?;
-        warnings.extend(usd::write(&staging.path(format!("{}.lumel.usda", stem(scene)))?, baked)?);
-    }
+        gltf::write(path, baked, *profile)
+    };
+    let (of_pages, (of_glbs, of_layer)) = rayon::join(
+        || write_pages(baked, &pages, settings.float, progress),
+        || {
+            rayon::join(
+                || glbs.par_iter().map(write_glb).collect::<Result<Vec<Warnings>>>(),
+                || layer.as_ref().map(|path| usd::write(path, baked)).transpose(),
+            )
+        },
+    );
+    warnings.extend(of_pages?);
+    of_glbs?.into_iter().chain(of_layer?).for_each(|of_file| warnings.extend(of_file));
     Ok(staging)
+}
+
+/// Writes the pages to `paths`, one after the other: a page is held once more while it is written.
+fn write_pages(baked: &Baked, paths: &[PathBuf], float: bool, progress: &dyn Progress) -> Result<Warnings> {
+    let mut warnings = Warnings::default();
+    let Some(lightmap) = baked.lightmap else { return Ok(warnings) };
+    let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    for (number, (page, path)) in lightmap.pages.iter().zip(paths).enumerate() {
+        progress.check()?;
+        let header =
+            PageHeader { quantity: baked.quantity, page: number as u32, density: baked.atlas.density, scene: &scene };
+        let layers: Vec<(&str, &[Rgb])> =
+            lightmap.layers.iter().map(|l| (l.name.as_str(), l.pages[number].as_slice())).collect();
+        let clamped = write_page(path, page, &layers, &header, float)?;
+        if clamped > 0 {
+            let uri = &baked.page_uris[number];
+            warnings.add(format!("{uri} ({clamped} texels)"), "too bright for half floats; bake with --float");
+        }
+    }
+    Ok(warnings)
 }
 
 /// Adds the report and moves everything into place.

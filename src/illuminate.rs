@@ -8,14 +8,14 @@ use crate::energy::{self, EnergyBalance, balance};
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
 use crate::light::{Direct, Lights, Lit, direct};
 use crate::patch::unocclude::{Exposure, unocclude};
-use crate::patch::{Emission, Ground, Patches, Reflectance, rasterize, reflectance::reflectance};
+use crate::patch::{Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance};
 use crate::post::{Lightmap, dilate::finish, layers::layers};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
 use crate::scene::Scene;
 use crate::settings::{Gather, Method, Settings};
 use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
-use crate::trace::Tracer;
+use crate::trace::{Tracer, Triangles};
 use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
 use crate::write::{dump::Dump, watch::WatchFolder};
@@ -45,8 +45,11 @@ pub struct Illuminated {
 /// dumped.
 pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &dyn Progress) -> Result<Illuminated> {
     let dump = Dump::new(settings.dump_stages.as_deref());
-    let tracer = Tracer::new(scene);
-    let patches = rasterize(scene, atlas, &tracer, progress)?;
+    // The tree is built by one thread.
+    let triangles = Triangles::new(scene);
+    let (tracer, patches) =
+        rayon::join(|| Tracer::with(scene, triangles.clone()), || rasterize(scene, atlas, &triangles, progress));
+    let patches = patches?;
     let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
     let (reflectance, emission) = reflectance(&ground, progress)?;
     let exposure = unocclude(&ground, settings.seed, progress)?;
@@ -160,8 +163,9 @@ fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progre
     let noise = traced.noise(lit.exposure);
     let indirect: Vec<Rgb> = traced.irradiance.iter().zip(&traced.direct).map(|(e, d)| *e - *d).collect();
     dump.patches("indirect", lit.ground, |i| indirect[i])?;
-    let shown = Arc::new(traced.direct);
-    let direct = Direct { transport: Arc::clone(&shown), shown, inflow: traced.inflow, rays: traced.rays };
+    let transport = Arc::new(traced.direct);
+    let shown = Sparse::same(Arc::clone(&transport));
+    let direct = Direct { transport, shown, inflow: traced.inflow, rays: traced.rays };
     let gathered = Gathered {
         sky: vec![Rgb::ZERO; traced.irradiance.len()],
         irradiance: traced.irradiance,

@@ -159,7 +159,7 @@ pub fn view_factors(
 ) -> Result<ViewFactors> {
     refuse_too_many(params.elements)?;
     let tracer = Tracer::new(scene);
-    let patches = rasterize(scene, atlas, &tracer, progress)?;
+    let patches = rasterize(scene, atlas, tracer.triangles(), progress)?;
     let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
     let (reflectance, emission) = reflectance(&ground, progress)?;
     let exposure = unocclude(&ground, params.seed, progress)?;

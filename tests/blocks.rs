@@ -324,7 +324,7 @@ fn a_small_bright_spot_is_found_by_every_block() {
         range: None,
     });
     let of_ceiling = |b: &Illuminated| {
-        let ceiling = (0..b.patches.len()).filter(|&i| b.patches.surface[i] == 1);
+        let ceiling = (0..b.patches.len()).filter(|&i| b.patches.surface(i) == 1);
         ceiling.map(|i| b.gathered.irradiance[i].x).sum::<f32>() / (24.0 * 24.0)
     };
     let means: Vec<f32> = (0..6).map(|seed| of_ceiling(&case.blocks(5.0, seed))).collect();

@@ -32,7 +32,7 @@ struct Place {
 impl Place {
     fn new(scene: Scene, atlas: Atlas) -> Self {
         let tracer = Tracer::new(&scene);
-        let patches = rasterize(&scene, &atlas, &tracer, &Silent).unwrap();
+        let patches = rasterize(&scene, &atlas, tracer.triangles(), &Silent).unwrap();
         let ground = Ground { scene: &scene, atlas: &atlas, tracer: &tracer, patches: &patches };
         let (reflectance, _) = reflectance(&ground, &Silent).unwrap();
         let exposure = unocclude(&ground, 0, &Silent).unwrap();

@@ -24,7 +24,7 @@ fn params(samples: u32) -> PathParams {
 
 fn traced(scene: &Scene, atlas: &Atlas, params: &PathParams) -> (Traced, Patches) {
     let tracer = Tracer::new(scene);
-    let patches = rasterize(scene, atlas, &tracer, &Silent).unwrap();
+    let patches = rasterize(scene, atlas, tracer.triangles(), &Silent).unwrap();
     let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
     let (reflectance, emission) = &reflectance(&ground, &Silent).unwrap();
     let exposure = &unocclude(&ground, 0, &Silent).unwrap();
@@ -60,9 +60,9 @@ fn room_with_shelf() -> Vec<Quad> {
 
 /// Mean irradiance of each surface (channel by channel).
 fn surface_means(patches: &Patches, irradiance: &[Rgb]) -> Vec<DVec3> {
-    let count = patches.surface.iter().max().unwrap() + 1;
+    let count = (0..patches.len()).map(|i| patches.surface(i)).max().unwrap() + 1;
     let mean = |s: u32| {
-        let members: Vec<usize> = (0..patches.len()).filter(|&i| patches.surface[i] == s).collect();
+        let members: Vec<usize> = (0..patches.len()).filter(|&i| patches.surface(i) == s).collect();
         let area: f64 = members.iter().map(|&i| f64::from(patches.area[i])).sum();
         members.iter().map(|&i| irradiance[i].as_dvec3() * f64::from(patches.area[i])).sum::<DVec3>() / area
     };
@@ -298,7 +298,7 @@ fn a_picture_that_shines_is_sampled_as_it_is() {
         };
         cells.iter().map(from).sum::<DVec3>()
     };
-    let floor: Vec<usize> = (0..patches.len()).filter(|&i| patches.surface[i] == 0).collect();
+    let floor: Vec<usize> = (0..patches.len()).filter(|&i| patches.surface(i) == 0).collect();
     let (mut sum, mut expected) = (DVec3::ZERO, DVec3::ZERO);
     for &i in &floor {
         sum += found.irradiance[i].as_dvec3();
@@ -348,7 +348,7 @@ fn strategies_agree() {
     for strategy in [Strategy::Lights, Strategy::Hemisphere] {
         let (found, _) = run(strategy);
         for s in 0..scene.surfaces.len() as u32 {
-            let members: Vec<usize> = (0..patches.len()).filter(|&i| patches.surface[i] == s).collect();
+            let members: Vec<usize> = (0..patches.len()).filter(|&i| patches.surface(i) == s).collect();
             let sum = |t: &Traced| members.iter().map(|&i| f64::from(t.irradiance[i].x)).sum::<f64>();
             let square = |t: &Traced| members.iter().map(|&i| f64::from(t.standard_error[i].x).powi(2)).sum::<f64>();
             let (a, b, error) = (sum(&found), sum(&reference), (square(&found) + square(&reference)).sqrt());

@@ -23,7 +23,7 @@ fn direct_only(quality: Quality) -> Settings {
 
 /// The patches of the floor.
 fn on_floor(baked: &Illuminated) -> impl Iterator<Item = usize> {
-    (0..baked.patches.len()).filter(|&i| baked.patches.surface[i] == 0)
+    (0..baked.patches.len()).filter(|&i| baked.patches.surface(i) == 0)
 }
 
 #[test]

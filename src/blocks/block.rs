@@ -211,7 +211,7 @@ impl Blocks {
             end: range.end as u32,
             level,
             region,
-            page: patches.texel[first][0],
+            page: patches.page(first),
             back,
             at: (at / whole).truncate().as_vec2(),
             centre: (centre / whole).as_vec3(),
@@ -234,6 +234,6 @@ impl Blocks {
 }
 
 fn has_back(lit: &Lit, i: usize) -> bool {
-    let (surface, triangle) = lit.ground.tracer.place(lit.ground.patches.pieces(i)[0].0);
+    let (surface, triangle) = lit.ground.tracer.place(lit.ground.patches.first_triangle(i));
     lit.ground.scene.material(surface, triangle).double_sided
 }

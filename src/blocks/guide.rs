@@ -287,12 +287,12 @@ impl Cluster {
         let patches = lit.ground.patches;
         let area = |i: u32| f64::from(lit.exposure.area[i as usize]);
         let total: f64 = members.iter().map(|&i| flux(i)).sum();
-        let mean = |of: &[Vec3]| -> Vec3 {
-            let sum: glam::DVec3 = members.iter().map(|&i| of[i as usize].as_dvec3() * flux(i)).sum();
+        let mean = |of: &dyn Fn(usize) -> Vec3| -> Vec3 {
+            let sum: glam::DVec3 = members.iter().map(|&i| of(i as usize).as_dvec3() * flux(i)).sum();
             (sum / total.max(f64::MIN_POSITIVE)).as_vec3()
         };
-        let centre = mean(&patches.position);
-        let normal = mean(&patches.normal).try_normalize().unwrap_or(patches.normal[members[0] as usize]);
+        let centre = mean(&|i| patches.position[i]);
+        let normal = mean(&|i| patches.normal[i]).try_normalize().unwrap_or(patches.normal[members[0] as usize]);
         let least = members.iter().map(|&i| normal.dot(patches.normal[i as usize])).fold(1.0, f32::min).max(0.0);
         // A few far patches must not blow it up: one and a half standard deviations.
         let squares: f64 =

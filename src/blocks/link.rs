@@ -88,6 +88,11 @@ impl Half {
         let sum = found + self.lost as f32 / drawn.hemisphere.max(1) as f32;
         let scale = if sum > 0.0 { sum.recip().clamp(LEAST_SCALE, LEAST_SCALE.recip()) } else { 1.0 };
         self.weights.iter_mut().chain(&mut self.sky_weights).for_each(|weight| *weight *= scale);
+        // Links are most of what a bake holds: room for more would be as much again.
+        self.links.shrink_to_fit();
+        self.weights.shrink_to_fit();
+        self.sky.shrink_to_fit();
+        self.sky_weights.shrink_to_fit();
     }
 }
 
@@ -130,6 +135,7 @@ impl Drawn {
     /// Counts `samples` more that are drawn as `view` says.
     pub fn expect(&mut self, view: &View, samples: u32) {
         self.areas += samples;
+        self.views.reserve_exact(1);
         self.views.push((view.recipe, samples));
     }
 

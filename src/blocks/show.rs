@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Blocks whose texels are found before they are handed on.
-const BATCH: usize = 4096;
+const BATCH: usize = 512;
 
 /// Calls `put` with the values of every patch that has a block, block by block. `around` lists each front and its neighbours, `normal`
 /// is the one that a patch shows.
@@ -68,6 +68,7 @@ pub fn neighbours(lit: &Lit, blocks: &Blocks, b: usize) -> Vec<u32> {
     }
     found[1..].sort_unstable();
     found.dedup();
+    found.shrink_to_fit();
     found
 }
 

@@ -13,7 +13,7 @@ use super::skylight::from_sky;
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
-use crate::patch::{Cutter, Footprint};
+use crate::patch::{Cutter, Footprint, Sparse};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::scene::Scene;
@@ -47,8 +47,8 @@ pub struct DirectParams {
 /// Irradiance straight from lights [lx], one a patch. The share of the sky that the gather finds is not in it.
 #[derive(Clone, Debug)]
 pub struct Direct {
-    /// About the normal that is shown; the same memory as `transport` where that is the geometric one.
-    pub shown: Arc<Vec<Rgb>>,
+    /// About the normal that is shown.
+    pub shown: Sparse,
     /// About the geometric normal, for transport.
     pub transport: Arc<Vec<Rgb>>,
     /// The part of `transport` from lights that are no surface, as flux over all patches [lm].
@@ -59,6 +59,8 @@ pub struct Direct {
 
 /// Blocks of 2^3 texels a side share a cut through the light tree and the rays of a glance.
 const BLOCK_LEVEL: u32 = 3;
+/// Blocks that are glanced at before what was seen is put away.
+const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
 const MOST_SAMPLES: u32 = 1024;
 /// The same from one of the several receivers of a surface that no texel shows.
@@ -78,22 +80,26 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let patches = lit.ground.patches;
     progress.begin("direct", patches.len() as u64);
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
-    let glances: Vec<Vec<(Arriving, Ballot)>> = blocks
-        .par_iter()
-        .map(|block| {
+    let (mut arriving, mut ballots) = (Vec::with_capacity(patches.len()), Vec::with_capacity(patches.len()));
+    let mut around = Vec::with_capacity(blocks.len());
+    for batch in blocks.chunks(BATCH) {
+        let look = |block: &Range<usize>| {
             progress.check()?;
             progress.advance(block.len() as u64);
             let all: Vec<usize> = block.clone().collect();
             Ok(at_block(lit, block, &all, |sight, emitters, sites| {
                 glance(sight, emitters, sites, &mut Volley::default())
             }))
-        })
-        .collect::<Result<_>>()?;
-    let around: Vec<f32> = glances.iter().map(|block| mean_light(block)).collect();
-    let (mut arriving, ballots): (Vec<Arriving>, Vec<Ballot>) = glances.into_iter().flatten().unzip();
+        };
+        let glances: Vec<Vec<(Arriving, Ballot)>> = batch.par_iter().map(look).collect::<Result<_>>()?;
+        around.extend(glances.iter().map(|block| mean_light(block)));
+        for (arrived, ballot) in glances.into_iter().flatten() {
+            arriving.push(arrived);
+            ballots.push(ballot);
+        }
+    }
     let close = Close { lit, blocks: &blocks, around: &around, progress };
     let noise = close.follow(ballots, &mut arriving)?;
-
     close.settle(noise, &mut arriving)?;
     if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) {
         add_sky(lit, &blocks, &mut arriving, progress)?;
@@ -105,8 +111,8 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let rays = arriving.iter().map(|a| a.rays).sum();
     let transport: Arc<Vec<Rgb>> = Arc::new(arriving.iter().map(|a| a.transport).collect());
     let shown = match lit.params.shading_normals {
-        true => Arc::new(arriving.iter().map(|a| a.shown).collect()),
-        false => Arc::clone(&transport),
+        true => Sparse::new(Arc::clone(&transport), arriving.iter().map(|a| a.shown)),
+        false => Sparse::same(Arc::clone(&transport)),
     };
     Ok(Direct { shown, transport, inflow, rays })
 }
@@ -314,11 +320,11 @@ const ONE_WAY: f32 = 0.999;
 fn emitters(lit: &Lit, sight: &Sight, block: &Range<usize>) -> Vec<Emitter> {
     let patches = lit.ground.patches;
     let positions = &patches.position[block.clone()];
-    let normals = &patches.normal[block.clone()];
     let centre = positions.iter().sum::<Vec3>() / positions.len() as f32;
     // A patch reaches beyond its middle by a diagonal at most.
     let reach = |i: usize| patches.position[i].distance(centre) + (2.0 * patches.area[i]).sqrt();
     let widest = block.clone().map(reach).fold(0.0, f32::max);
-    let normal = if normals.iter().all(|n| n.dot(normals[0]) > ONE_WAY) { normals[0] } else { Vec3::ZERO };
+    let first = patches.normal[block.start];
+    let normal = if block.clone().all(|i| patches.normal[i].dot(first) > ONE_WAY) { first } else { Vec3::ZERO };
     sight.emitters(centre, normal, widest)
 }

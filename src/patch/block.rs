@@ -8,7 +8,7 @@ use std::ops::Range;
 impl Ground<'_> {
     /// The column and row of patch `i` on its page [texels].
     pub fn column_row(&self, i: usize) -> [u32; 2] {
-        let [page, texel] = self.patches.texel[i];
+        let [page, texel] = self.patches.texel(i);
         let width = self.atlas.pages[page as usize][0];
         [texel % width, texel / width]
     }
@@ -31,7 +31,7 @@ impl Ground<'_> {
 
     /// The patches of the same chart in the texels next to patch `i`, at a side or a corner: eight at most.
     pub fn neighbours(&self, i: usize) -> impl Iterator<Item = usize> {
-        let page = self.patches.texel[i][0] as usize;
+        let page = self.patches.page(i) as usize;
         let [width, height] = self.atlas.pages[page];
         let [x, y] = self.column_row(i);
         let (columns, rows) = (x.saturating_sub(1)..(x + 2).min(width), y.saturating_sub(1)..(y + 2).min(height));

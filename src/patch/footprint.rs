@@ -128,16 +128,17 @@ impl<'a> Cutter<'a> {
         footprint
     }
 
-    /// The footprint of patch `i` in the memory of another one.
+    /// The footprint of patch `i` in place of what `footprint` is, whose memory it takes.
     pub fn cut(&mut self, i: usize, footprint: &mut Footprint) {
         let ground = self.ground;
-        let [page, texel] = ground.patches.texel[i];
+        footprint.pieces.clear();
+        (footprint.total, footprint.cells) = (0.0, CellMask::ALL);
+        let [page, texel] = ground.patches.texel(i);
         let width = ground.atlas.pages[page as usize][0];
         let low = DVec2::new(f64::from(texel % width), f64::from(texel / width));
         let pieces = ground.patches.pieces(i);
-        footprint.pieces.clear();
-        (footprint.total, footprint.cells) = (0.0, CellMask::ALL);
-        for &(number, area) in pieces {
+        footprint.pieces.reserve_exact(pieces.len());
+        for (number, area) in pieces {
             let Cut { facet, corners: [a, b, c], .. } = *self.triangle(number);
             let whole = (b - a).perp_dot(c - a);
             let weights = |p: DVec2| {

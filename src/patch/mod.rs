@@ -3,14 +3,19 @@
 pub mod block;
 mod clip;
 pub mod footprint;
+pub mod palette;
 pub mod rasterize;
 pub mod reflectance;
 pub mod region;
+pub mod sparse;
+mod tile;
 pub mod unocclude;
 
 pub use footprint::{Cutter, Footprint, SurfacePoint};
+pub use palette::Palette;
 pub use rasterize::rasterize;
 pub use reflectance::{Emission, Reflectance};
+pub use sparse::Sparse;
 
 use crate::scene::Scene;
 use crate::trace::{Hit, Tracer};
@@ -24,28 +29,37 @@ pub const NONE: u32 = u32::MAX;
 ///
 /// A patch is the part of one chart that lies in one texel's square. Its footprint, the triangles clipped by the square, is
 /// recomputed where it is needed ([`Footprint`]); the areas of all footprints add up to the area of the surfaces.
+///
+/// About 45 bytes a texel, so what can be told from something else is: a patch's chart knows its surface and page, and most
+/// patches lie in one triangle and have its area.
 #[derive(Clone, Debug)]
 pub struct Patches {
     /// Centroid [m].
     pub position: Vec<Vec3>,
     /// Area-weighted mean of the geometric normals, unit.
-    pub normal: Vec<Vec3>,
+    pub normal: Palette,
     /// Area [m^2].
     pub area: Vec<f32>,
-    /// Page, and texel on it (row by row).
-    pub texel: Vec<[u32; 2]>,
     /// The share of the texel's square that is covered, 0..=1.
     pub coverage: Vec<f32>,
     /// Chart number over all surfaces.
     pub chart: Vec<u32>,
-    pub surface: Vec<u32>,
-    /// Pieces of patch i are `first_piece[i]..first_piece[i + 1]`.
-    first_piece: Vec<u32>,
-    /// Triangle number (over all surfaces) and area [m^2] of each piece.
-    pieces: Vec<(u32, f32)>,
+    /// Texel on its page, row by row.
+    texel: Vec<u32>,
+    /// Surface and page of each chart.
+    charts: Vec<[u32; 2]>,
+    /// The triangle that each patch lies in, or [`MANY`] and the place in `many` of its pieces.
+    piece: Vec<u32>,
+    /// The pieces of patches with several: those of place k are `many_pieces[many[k]..many[k + 1]]`.
+    many: Vec<u32>,
+    /// Triangle number (over all surfaces) and area [m^2].
+    many_pieces: Vec<(u32, f32)>,
     /// By page and texel: the patch, [`NONE`] where there is none.
     page_patch: Vec<Vec<u32>>,
 }
+
+/// Marks a patch of several pieces.
+const MANY: u32 = 1 << 31;
 
 /// What patches are cut from: needed to find footprints and the patch under a hit.
 #[derive(Clone, Copy)]
@@ -67,9 +81,41 @@ impl Patches {
         self.area.is_empty()
     }
 
-    /// Pieces of patch `i`: triangle number and area [m^2].
-    pub fn pieces(&self, i: usize) -> &[(u32, f32)] {
-        &self.pieces[self.first_piece[i] as usize..self.first_piece[i + 1] as usize]
+    /// Page and texel on it (row by row) of patch `i`.
+    pub fn texel(&self, i: usize) -> [u32; 2] {
+        [self.page(i), self.texel[i]]
+    }
+
+    /// The page that patch `i` lies on.
+    pub fn page(&self, i: usize) -> u32 {
+        self.charts[self.chart[i] as usize][1]
+    }
+
+    /// The surface that patch `i` is a part of.
+    pub fn surface(&self, i: usize) -> u32 {
+        self.charts[self.chart[i] as usize][0]
+    }
+
+    /// Pieces of patch `i`, at least one: triangle number over all surfaces, in order, and area [m^2].
+    pub fn pieces(&self, i: usize) -> impl ExactSizeIterator<Item = (u32, f32)> {
+        let piece = self.piece[i];
+        let (single, many) = match piece & MANY {
+            0 => (Some((piece, self.area[i])), 0..0),
+            _ => {
+                let k = (piece & !MANY) as usize;
+                (None, self.many[k] as usize..self.many[k + 1] as usize)
+            }
+        };
+        let first = many.start;
+        (0..single.map_or(many.len(), |_| 1)).map(move |k| single.unwrap_or_else(|| self.many_pieces[first + k]))
+    }
+
+    /// The first triangle, by number over all surfaces, that patch `i` has a piece of.
+    pub fn first_triangle(&self, i: usize) -> u32 {
+        match self.piece[i] {
+            piece if piece & MANY == 0 => piece,
+            piece => self.many_pieces[self.many[(piece & !MANY) as usize] as usize].0,
+        }
     }
 
     /// The patch in a texel of a page.

@@ -2,6 +2,7 @@
 //!
 //! Apart from [`Patches`](super::Patches): relighting changes these and keeps the geometry.
 
+use super::palette::{Builder, Palette};
 use super::{Ground, footprint::Piece};
 use crate::Result;
 use crate::color::Rgb;
@@ -12,11 +13,11 @@ use rayon::prelude::*;
 
 /// Diffuse albedo of each patch, 0..=[`MOST_ALBEDO`].
 #[derive(Clone, Debug)]
-pub struct Reflectance(pub Vec<Rgb>);
+pub struct Reflectance(pub Palette);
 
 /// Radiance that each patch emits from its front [nit]; M = pi L.
 #[derive(Clone, Debug)]
-pub struct Emission(pub Vec<Rgb>);
+pub struct Emission(pub Palette);
 
 /// The highest albedo that is baked. Between surfaces that absorb nothing light never dies out; fresh snow and the whitest
 /// paints reach this, and glTF's default material, which says 1, means nothing of the kind.
@@ -25,37 +26,37 @@ pub const MOST_ALBEDO: f32 = 0.97;
 /// Texture look-ups along one side of a piece, at most: 16 x 16 of them average a footprint of any size well enough.
 const MOST_SAMPLES_A_SIDE: u32 = 16;
 
+/// Patches whose materials are looked up before they are stored.
+const BATCH: usize = 1 << 16;
+
 /// Averages the materials over all footprints.
 ///
 /// # Errors
 /// `Cancelled`.
 pub fn reflectance(ground: &Ground, progress: &dyn Progress) -> Result<(Reflectance, Emission)> {
-    let patches = ground.patches;
-    let values: Vec<(Rgb, Rgb)> = (0..patches.len())
-        .into_par_iter()
-        .map(|i| {
-            if i % 1024 == 0 {
-                progress.check()?;
-            }
-            Ok(average(ground, i))
-        })
-        .collect::<Result<_>>()?;
-    let (albedo, emission) = values.into_iter().unzip();
-    Ok((Reflectance(albedo), Emission(emission)))
+    let count = ground.patches.len();
+    let (mut albedo, mut emission) = (Builder::default(), Builder::default());
+    for first in (0..count).step_by(BATCH) {
+        progress.check()?;
+        let batch = (first..count.min(first + BATCH)).into_par_iter();
+        let found: (Vec<Rgb>, Vec<Rgb>) = batch.with_min_len(1024).map(|i| average(ground, i)).unzip();
+        albedo.extend(found.0);
+        emission.extend(found.1);
+    }
+    Ok((Reflectance(albedo.finish()), Emission(emission.finish())))
 }
 
 fn average(ground: &Ground, i: usize) -> (Rgb, Rgb) {
     let scene = ground.scene;
-    let [first, rest @ ..] = ground.patches.pieces(i) else { return (Rgb::ZERO, Rgb::ZERO) };
     let material_of = |number: u32| {
         let (surface, triangle) = ground.tracer.place(number);
         let mesh = &scene.meshes[scene.surfaces[surface].mesh];
         (mesh, mesh.triangle_material[triangle])
     };
     // Most patches lie in one plain material.
-    let (mesh, index) = material_of(first.0);
+    let (mesh, index) = material_of(ground.patches.first_triangle(i));
     let material = &scene.materials[index as usize];
-    if is_plain(mesh, material) && rest.iter().all(|p| material_of(p.0).1 == index) {
+    if is_plain(mesh, material) && ground.patches.pieces(i).all(|(triangle, _)| material_of(triangle).1 == index) {
         return (bounded(material.albedo), material.emission);
     }
     let footprint = ground.footprint(i);

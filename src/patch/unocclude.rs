@@ -130,10 +130,10 @@ fn glance(ground: &Ground, blocks: &[Range<usize>], seed: u32, progress: &dyn Pr
             progress.check()?;
             let batch = batch * BATCH..blocks.len().min((batch + 1) * BATCH);
             let mut cutter = Cutter::new(ground);
-            let (mut rays, mut owner) = (Vec::new(), Vec::new());
+            let (mut rays, mut owner, mut footprint) = (Vec::new(), Vec::new(), Footprint::default());
             for b in batch.clone() {
                 for i in blocks[b].clone() {
-                    let footprint = cutter.footprint(i);
+                    cutter.cut(i, &mut footprint);
                     if !footprint.is_empty() {
                         rays.push(first_ray(ground, i, &footprint, seed));
                         owner.push(b);
@@ -156,7 +156,7 @@ fn glance(ground: &Ground, blocks: &[Range<usize>], seed: u32, progress: &dyn Pr
 fn first_ray(ground: &Ground, i: usize, footprint: &Footprint, seed: u32) -> Ray {
     let [x, y] = ground.column_row(i);
     let (code, bits) = (morton(x, y), 2 * STRATA_LEVEL);
-    let square = (1 << 40) | u64::from(ground.patches.texel[i][0]) << 32 | u64::from(code >> bits);
+    let square = (1 << 40) | u64::from(ground.patches.page(i)) << 32 | u64::from(code >> bits);
     let [x, y, du, dv] = Sequence::new(seed, Stage::Unocclude, square).point(code & ((1 << bits) - 1), 0);
     leave(ground, footprint, [x, y], [du, dv])
 }
@@ -181,7 +181,7 @@ impl Grid {
     }
 
     fn place(ground: &Ground, block: &Range<usize>) -> (usize, [u32; 2]) {
-        (ground.patches.texel[block.start][0] as usize, ground.column_row(block.start).map(|c| c >> BLOCK_LEVEL))
+        (ground.patches.page(block.start) as usize, ground.column_row(block.start).map(|c| c >> BLOCK_LEVEL))
     }
 
     /// True where the block or one that touches it is marked.

@@ -5,6 +5,7 @@ use crate::color::Rgb;
 use crate::light::Lit;
 use crate::patch::{NONE, Patches};
 use crate::unwrap::Atlas;
+use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// Rounds of averaging over filled buried texels.
@@ -67,7 +68,7 @@ fn paint(
         })
         .collect();
     for i in 0..patches.len() {
-        let [page, texel] = patches.texel[i];
+        let [page, texel] = patches.texel(i);
         let (canvas, texel) = (&mut canvases[page as usize], texel as usize);
         canvas.chart[texel] = patches.chart[i];
         if is_valid(i) {
@@ -87,10 +88,12 @@ impl Canvas {
     /// chart alone, or those of the gutter. Returns the texels of the rings from [`UNTOUCHED_RINGS`] on.
     fn spread(&mut self, rings: usize, within_charts: bool) -> Vec<usize> {
         let is_wanted = |canvas: &Self, t: usize| !canvas.filled[t] && (canvas.chart[t] != NONE) == within_charts;
-        let mut border: Vec<usize> = (0..self.filled.len()).filter(|&t| is_wanted(self, t)).collect();
+        // Only texels beside filled ones can be in the first ring.
+        let is_first = |t: &usize| is_wanted(self, *t) && self.around(*t).any(|n| self.filled[n]);
+        let mut border: Vec<usize> = (0..self.filled.len()).into_par_iter().filter(is_first).collect();
         let mut deep = Vec::new();
         for ring in 0..rings {
-            let found: Vec<(usize, Rgb)> = border.iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
+            let found: Vec<(usize, Rgb)> = border.par_iter().filter_map(|&t| Some((t, self.mean_around(t)?))).collect();
             if found.is_empty() {
                 break;
             }
@@ -99,8 +102,9 @@ impl Canvas {
                 self.filled[t] = true;
             }
             // The next ring lies around this one.
-            border = found.iter().flat_map(|&(t, _)| self.around(t)).filter(|&t| is_wanted(self, t)).collect();
-            border.sort_unstable();
+            let around = found.par_iter().flat_map_iter(|&(t, _)| self.around(t));
+            border = around.filter(|&t| is_wanted(self, t)).collect();
+            border.par_sort_unstable();
             border.dedup();
             if ring >= UNTOUCHED_RINGS {
                 deep.extend(found.into_iter().map(|f| f.0));
@@ -112,7 +116,7 @@ impl Canvas {
     /// Evens out what the rings left as streaks: nobody sees the middle of a buried region, but mip levels read it.
     fn smooth(&mut self, texels: &[usize]) {
         for _ in 0..SMOOTHING_ROUNDS {
-            let means: Vec<Rgb> = texels.iter().map(|&t| self.mean_around(t).unwrap_or(self.rgb[t])).collect();
+            let means: Vec<Rgb> = texels.par_iter().map(|&t| self.mean_around(t).unwrap_or(self.rgb[t])).collect();
             for (&t, mean) in texels.iter().zip(means) {
                 self.rgb[t] = mean;
             }

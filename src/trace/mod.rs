@@ -16,7 +16,7 @@ mod wide;
 
 use glam::Vec3;
 
-pub use tracer::Tracer;
+pub use tracer::{Tracer, Triangles};
 
 /// A half line; `direction` is unit, so `t` is in metres.
 #[derive(Clone, Copy, Debug)]

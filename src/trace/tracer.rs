@@ -6,15 +6,45 @@ use super::wide::Wide;
 use super::{Hit, Ray, Segment};
 use crate::scene::Scene;
 use glam::Vec3;
+use rayon::prelude::*;
+
+/// The triangles of all surfaces, numbered one surface after the other.
+#[derive(Clone, Debug)]
+pub struct Triangles {
+    /// The first triangle number of each surface.
+    first: Vec<u32>,
+    /// Surface of each triangle number.
+    surface: Vec<u32>,
+}
+
+impl Triangles {
+    /// Numbers the triangles of `scene`.
+    pub fn new(scene: &Scene) -> Self {
+        let (mut first, mut surface) = (Vec::with_capacity(scene.surfaces.len()), Vec::new());
+        for (s, placed) in scene.surfaces.iter().enumerate() {
+            first.push(surface.len() as u32);
+            surface.resize(surface.len() + scene.meshes[placed.mesh].triangles.len(), s as u32);
+        }
+        Self { first, surface }
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.surface.len()
+    }
+
+    /// Surface, and triangle within its mesh, of triangle number `triangle`.
+    pub fn place(&self, triangle: u32) -> (usize, usize) {
+        let s = self.surface[triangle as usize];
+        (s as usize, (triangle - self.first[s as usize]) as usize)
+    }
+}
 
 /// All triangles of a scene, ready to be hit.
 pub struct Tracer {
     wide: Wide,
     pub(super) path: Path,
-    /// The first triangle number of each surface, and the count at the end.
-    first: Vec<u32>,
-    /// Surface of each triangle number.
-    surface: Vec<u32>,
+    triangles: Triangles,
     /// Whether each surface is mirrored; empty where none is, so that hits needn't look up theirs.
     mirrored: Vec<bool>,
     /// Distance by which ray origins are kept off surfaces [m].
@@ -30,16 +60,16 @@ const ORIGIN_OFFSET: f32 = 64.0 * f32::EPSILON;
 impl Tracer {
     /// Builds the BVH over the surfaces of `scene`. Cost: about a second a million triangles.
     pub fn new(scene: &Scene) -> Self {
-        let mut first = Vec::with_capacity(scene.surfaces.len() + 1);
-        let (mut corners, mut surface) = (Vec::new(), Vec::new());
-        for (s, placed) in scene.surfaces.iter().enumerate() {
-            first.push(corners.len() as u32);
-            for t in 0..scene.meshes[placed.mesh].triangles.len() {
-                corners.push(scene.world_triangle(s, t).map(|p| p.to_array()));
-                surface.push(s as u32);
-            }
-        }
-        first.push(corners.len() as u32);
+        Self::with(scene, Triangles::new(scene))
+    }
+
+    /// The same over triangles that are numbered already.
+    pub fn with(scene: &Scene, triangles: Triangles) -> Self {
+        let corners = |number| {
+            let (surface, triangle) = triangles.place(number);
+            scene.world_triangle(surface, triangle).map(|p| p.to_array())
+        };
+        let corners: Vec<[[f32; 3]; 3]> = (0..triangles.count() as u32).into_par_iter().map(corners).collect();
         let largest = corners.iter().flatten().flatten().fold(0.0f32, |m, c| m.max(c.abs()));
         let mut mirrored: Vec<bool> = scene.surfaces.iter().map(|s| s.is_mirrored()).collect();
         if !mirrored.contains(&true) {
@@ -47,23 +77,27 @@ impl Tracer {
         }
         let wide = Wide::new(&corners);
         let path = *Path::available().last().expect("the portable path at least");
-        Self { wide, path, first, surface, mirrored, offset: largest * ORIGIN_OFFSET, largest }
+        Self { wide, path, triangles, mirrored, offset: largest * ORIGIN_OFFSET, largest }
+    }
+
+    /// How the triangles are numbered.
+    pub fn triangles(&self) -> &Triangles {
+        &self.triangles
     }
 
     /// Triangle count over all surfaces.
     pub fn triangle_count(&self) -> usize {
-        self.surface.len()
+        self.triangles.count()
     }
 
     /// Surface, and triangle within its mesh, of triangle number `triangle`.
     pub fn place(&self, triangle: u32) -> (usize, usize) {
-        let s = self.surface[triangle as usize];
-        (s as usize, (triangle - self.first[s as usize]) as usize)
+        self.triangles.place(triangle)
     }
 
     /// Number of triangle `triangle` of `surface`'s mesh.
     pub fn number(&self, surface: usize, triangle: usize) -> u32 {
-        self.first[surface] + triangle as u32
+        self.triangles.first[surface] + triangle as u32
     }
 
     /// The distance by which [`Tracer::off_surface`] moves a point [m]: what lies nearer than this lies in one plane.
@@ -118,7 +152,8 @@ impl Tracer {
         let triangle = self.wide.blocks[nearest.block].triangle(nearest.lane);
         let crossing = line.shear.intersect(&triangle).expect("a triangle that was hit");
         let [v, w] = crossing.barycentric;
-        let mirrored = !self.mirrored.is_empty() && self.mirrored[self.surface[nearest.number as usize] as usize];
+        let mirrored =
+            !self.mirrored.is_empty() && self.mirrored[self.triangles.surface[nearest.number as usize] as usize];
         let barycentric = if mirrored { [w, v] } else { [v, w] };
         Hit { t: nearest.t, triangle: nearest.number, barycentric, back: !crossing.front }
     }

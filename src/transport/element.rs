@@ -124,7 +124,7 @@ impl Elements {
         let patches = ground.patches;
         let open: Vec<u32> = (0..patches.len() as u32).filter(|&i| !exposure.is_buried(i as usize)).collect();
         let has_back = |&i: &u32| {
-            let (surface, triangle) = ground.tracer.place(patches.pieces(i as usize)[0].0);
+            let (surface, triangle) = ground.tracer.place(patches.first_triangle(i as usize));
             ground.scene.material(surface, triangle).double_sided
         };
         let backs: Vec<u32> = (0..patches.len() as u32).filter(has_back).collect();
@@ -144,7 +144,7 @@ impl Elements {
         let patches = ground.patches;
         // Patches are sorted by chart and place, so the first member tells where a cluster lies.
         clusters.iter_mut().for_each(|(_, c)| c.sort_unstable());
-        clusters.sort_by_key(|(back, c)| (patches.surface[c[0] as usize], *back, c[0]));
+        clusters.sort_by_key(|(back, c)| (patches.surface(c[0] as usize), *back, c[0]));
         let n = clusters.len();
         let mut all = Self {
             area: Vec::with_capacity(n),
@@ -184,7 +184,7 @@ impl Elements {
             all.centre.push(centre);
             all.albedo.push(mean(&|i| reflectance.0[i]));
             all.back.push(*back);
-            all.surface.push(patches.surface[members[members.len() / 2] as usize]);
+            all.surface.push(patches.surface(members[members.len() / 2] as usize));
             for &i in members {
                 let slot = if *back { &mut all.back_of } else { &mut all.front_of };
                 slot[i as usize] = e as u32;
@@ -311,12 +311,12 @@ fn cluster(ground: &Ground, mut patches: Vec<u32>, count: usize, limits: Limits)
     }
     let mut surface_area = vec![0.0f64; ground.scene.surfaces.len()];
     for &i in &patches {
-        surface_area[all.surface[i as usize] as usize] += f64::from(all.area[i as usize]);
+        surface_area[all.surface(i as usize) as usize] += f64::from(all.area[i as usize]);
     }
     let large = region_area.iter().sum::<f64>() / count.max(1) as f64;
     // Small regions share elements with those of their own surface, and only small surfaces with others.
     let owner = |i: u32| {
-        let (r, s) = (region[i as usize], all.surface[i as usize]);
+        let (r, s) = (region[i as usize], all.surface(i as usize));
         if region_area[r as usize] >= large {
             u64::from(r)
         } else if limits == Limits::Surfaces || surface_area[s as usize] >= large {

@@ -90,11 +90,11 @@ impl Outline {
     pub fn new(elements: &Elements, ground: &Ground, e: usize) -> Self {
         let mut parts = Vec::new();
         for &patch in elements.members(e) {
-            let [page, texel] = ground.patches.texel[patch as usize];
+            let [page, texel] = ground.patches.texel(patch as usize);
             let width = ground.atlas.pages[page as usize][0];
             let texel = [texel % width, texel / width];
-            let pieces = ground.patches.pieces(patch as usize).iter();
-            parts.extend(pieces.map(|&(triangle, area)| Part { triangle, texel, area: f64::from(area) }));
+            let pieces = ground.patches.pieces(patch as usize);
+            parts.extend(pieces.map(|(triangle, area)| Part { triangle, texel, area: f64::from(area) }));
         }
         parts.sort_by_key(|p| p.triangle);
         let mut outline = Self::default();

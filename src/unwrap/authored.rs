@@ -5,20 +5,25 @@
 
 use super::layout::Content;
 use super::mask;
-use super::overlap::{bounds, centers};
+use super::overlap::{Cells, bounds, centers};
 use super::shape::Sets;
-use super::{Atlas, Density, MeshUvs, Placement, UnwrapParams, UvMode, area};
+use super::{Atlas, Density, MeshUvs, Placement, UnwrapParams, UvMode, area, surface_area};
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
-use crate::scene::{Mesh, Scene};
+use crate::scene::{Mesh, Scene, Surface};
 use glam::{DVec2, Vec2};
-use std::collections::HashMap;
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// How far [UV] a coordinate may leave 0..1: rounding in exporters.
 const RANGE_TOLERANCE: f32 = 1e-4;
 /// Share of a mesh's area that may have UVs without area. The texels of such triangles are worthless, but
 /// a few slivers are no reason to throw an artist's work away.
 const SMALL_SHARE: f64 = 1e-3;
+/// Surfaces whose samples are listed before they are held against those of others.
+const SURFACES: usize = 64;
+/// Bands of rows that a page is looked through in.
+const BANDS: u32 = 16;
 /// Samples along a side of the overlap check.
 const SAMPLES: usize = 2048;
 
@@ -55,28 +60,34 @@ pub fn sets(
     if params.uv == UvMode::New {
         return Ok(sets);
     }
-    let named: Vec<&str> = params.uv_name.as_deref().map_or(vec!["TEXCOORD_1", "st1"], |n| vec![n]);
-    for (m, surfaces) in users.iter().enumerate().filter(|(_, s)| !s.is_empty()) {
-        progress.check()?;
+    let names: Vec<&str> = params.uv_name.as_deref().map_or(vec!["TEXCOORD_1", "st1"], |n| vec![n]);
+    let named = |m: usize| names.iter().find_map(|&n| scene.meshes[m].uv_set(n).map(|coords| (n, coords)));
+    let checked: Vec<Option<std::result::Result<Set, String>>> = (0..users.len())
+        .into_par_iter()
+        .map(|m| {
+            progress.check()?;
+            let found = (!users[m].is_empty()).then(|| named(m)).flatten();
+            Ok(found.map(|(name, coords)| {
+                let mut set = check(&scene.meshes[m], coords)?;
+                let largest = users[m].iter().map(|&s| surface_area(scene, s)).fold(0.0, f64::max);
+                set.metres = (largest / uv_area(&set.uvs)).sqrt();
+                set.uvs.authored = Some(name.to_owned());
+                Ok(set)
+            }))
+        })
+        .collect::<Result<_>>()?;
+    for (m, checked) in checked.into_iter().enumerate().filter(|(m, _)| !users[*m].is_empty()) {
         let mesh = &scene.meshes[m];
-        let place = &scene.surfaces[surfaces[0]].name;
-        let found = named.iter().find_map(|&n| mesh.uv_set(n).map(|coords| (n, coords)));
-        let Some((name, coords)) = found else {
+        let place = &scene.surfaces[users[m][0]].name;
+        let Some((name, _)) = named(m) else {
             if params.uv == UvMode::Keep {
-                let message = format!("has no UV set {}; export one, or let new UVs be made", named.join(" or "));
+                let message = format!("has no UV set {}; export one, or let new UVs be made", names.join(" or "));
                 return Err(Error::invalid(place, message));
             }
             continue;
         };
-        match check(mesh, coords) {
-            Ok(mut set) => {
-                let area = |s: usize| -> f64 {
-                    let corners = (0..mesh.triangles.len()).map(|t| scene.world_triangle(s, t).map(|p| p.as_dvec3()));
-                    corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum()
-                };
-                let largest = surfaces.iter().map(|&s| area(s)).fold(0.0, f64::max);
-                set.metres = (largest / uv_area(&set.uvs)).sqrt();
-                set.uvs.authored = Some(name.to_owned());
+        match checked.unwrap_or_else(|| Err("was not looked at".into())) {
+            Ok(set) => {
                 progress.advance(mesh.triangles.len() as u64);
                 sets[m] = Some(set);
             }
@@ -97,24 +108,20 @@ pub fn page_space(
     warnings: &mut Warnings,
 ) -> Option<Atlas> {
     let mut used = vec![false; sets.len()];
-    let mut taken = vec![false; SAMPLES * SAMPLES];
-    let (mut doubled, mut covered) = (0usize, 0usize);
-    for surface in &scene.surfaces {
-        // Two surfaces of a mesh have the same UVs, so they overlap.
-        let set = sets[surface.mesh].as_ref().filter(|_| !std::mem::replace(&mut used[surface.mesh], true))?;
-        let mut own = Vec::new();
-        for t in &set.uvs.corners {
-            centers(t.map(|p| p.as_dvec2() * SAMPLES as f64), SAMPLES, SAMPLES, |row, first, end| {
-                own.push(row * SAMPLES + first..row * SAMPLES + end);
-            });
-        }
-        // Checked before any is taken, so that a surface isn't held against itself.
-        doubled += own.iter().cloned().flatten().filter(|&c| taken[c]).count();
-        for cell in own.into_iter().flatten() {
-            covered += usize::from(!std::mem::replace(&mut taken[cell], true));
-        }
-        if doubled as f64 > SMALL_SHARE * covered as f64 {
-            return None;
+    let mut taken = Cells::new(SAMPLES);
+    let (mut doubled, mut covered) = (0, 0);
+    for batch in scene.surfaces.chunks(SURFACES) {
+        let spans = |surface: &Surface| Some(spans(&sets[surface.mesh].as_ref()?.uvs));
+        let batch: Vec<(usize, Option<Vec<Span>>)> = batch.par_iter().map(|s| (s.mesh, spans(s))).collect();
+        for (mesh, own) in batch {
+            // Two surfaces of a mesh have the same UVs, so they overlap.
+            let own = own.filter(|_| !std::mem::replace(&mut used[mesh], true))?;
+            // Counted before any is taken, so that a surface isn't held against itself.
+            doubled += own.iter().map(|&[row, first, end]| taken.count(row, first, end)).sum::<usize>();
+            covered += own.iter().map(|&[row, first, end]| taken.take(row, first, end)).sum::<usize>();
+            if doubled as f64 > SMALL_SHARE * covered as f64 {
+                return None;
+            }
         }
     }
     if doubled > 0 {
@@ -141,26 +148,58 @@ pub fn page_space(
     })
 }
 
+/// Row, first column and end of some samples.
+type Span = [usize; 3];
+
+/// The samples within the triangles of `uvs`.
+fn spans(uvs: &MeshUvs) -> Vec<Span> {
+    let mut spans = Vec::new();
+    for t in &uvs.corners {
+        centers(t.map(|p| p.as_dvec2() * SAMPLES as f64), SAMPLES, SAMPLES, |row, first, end| {
+            spans.push([row, first, end]);
+        });
+    }
+    spans
+}
+
 /// Names the surfaces with charts that touch a texel of another chart at this page size.
 fn warn_of_shared_texels(scene: &Scene, meshes: &[MeshUvs], side: u32, warnings: &mut Warnings) {
-    let mut owner: HashMap<(u32, u32), (usize, u32)> = HashMap::new();
-    let mut mixed = vec![false; scene.surfaces.len()];
-    for (s, surface) in scene.surfaces.iter().enumerate() {
-        let uvs = &meshes[surface.mesh];
-        for (corners, &chart) in uvs.corners.iter().zip(&uvs.chart) {
-            mask::touched(corners.map(|p| p.as_dvec2() * f64::from(side)), [side; 2], |row, first, end| {
-                for x in first..end {
-                    mixed[s] |= *owner.entry((row, x)).or_insert((s, chart)) != (s, chart);
-                }
-            });
-        }
-    }
-    for (surface, _) in scene.surfaces.iter().zip(mixed).filter(|(_, mixed)| *mixed) {
+    let bands: Vec<u32> = (0..side).step_by((side / BANDS).max(1) as usize).collect();
+    let mixed_in = |&low: &u32| mixed(scene, meshes, side, low..(low + (side / BANDS).max(1)).min(side));
+    let found: Vec<Vec<bool>> = bands.par_iter().map(mixed_in).collect();
+    let is_mixed = |s: usize| found.iter().any(|mixed| mixed[s]);
+    for (surface, _) in scene.surfaces.iter().zip(0..).filter(|(_, s)| is_mixed(*s)) {
         warnings.add(
             &surface.name,
             format!("authored UVs leave two charts in one texel at {side} x {side}; light can bleed between them"),
         );
     }
+}
+
+/// By surface: whether one of its charts touches a texel in `rows` of a page of `side` squared that another touched before.
+fn mixed(scene: &Scene, meshes: &[MeshUvs], side: u32, rows: Range<u32>) -> Vec<bool> {
+    // The chart that touched each texel first, numbered from 1 over all surfaces.
+    let mut owner = vec![0u32; (rows.len() as u32 * side) as usize];
+    let mut first_chart = 1;
+    let of_surface = |surface: &Surface| {
+        let uvs = &meshes[surface.mesh];
+        let mut is_mixed = false;
+        for (corners, &chart) in uvs.corners.iter().zip(&uvs.chart) {
+            let corners = corners.map(|p| p.as_dvec2() * f64::from(side));
+            mask::touched_rows(corners, [side; 2], &rows, |row, first, end| {
+                let line = (row - rows.start) * side;
+                for owner in &mut owner[(line + first) as usize..(line + end) as usize] {
+                    if *owner == 0 {
+                        *owner = first_chart + chart;
+                    }
+                    is_mixed |= *owner != first_chart + chart;
+                }
+            });
+        }
+        first_chart += uvs.chart_count;
+        is_mixed
+    };
+    scene.surfaces.iter().map(of_surface).collect()
 }
 
 /// The set as it is, or what is wrong with it.
@@ -187,15 +226,11 @@ fn check(mesh: &Mesh, coords: &[Vec2]) -> std::result::Result<Set, String> {
     if none > SMALL_SHARE * total {
         return Err(format!("has no area in {:.1} % of the mesh", 100.0 * none / total));
     }
-    let (mut taken, mut doubled, mut covered) = (vec![0u64; SAMPLES * SAMPLES / 64], 0usize, 0usize);
+    let (mut taken, mut doubled, mut covered) = (Cells::new(SAMPLES), 0, 0);
     for t in &uv {
         centers(t.map(|p| p * SAMPLES as f64), SAMPLES, SAMPLES, |row, first, end| {
-            for cell in (row * SAMPLES + first)..(row * SAMPLES + end) {
-                let bit = 1 << (cell % 64);
-                doubled += usize::from(taken[cell / 64] & bit != 0);
-                taken[cell / 64] |= bit;
-                covered += 1;
-            }
+            doubled += end - first - taken.take(row, first, end);
+            covered += end - first;
         });
     }
     if doubled as f64 > SMALL_SHARE * covered as f64 {
@@ -210,23 +245,39 @@ fn check(mesh: &Mesh, coords: &[Vec2]) -> std::result::Result<Set, String> {
 /// The chart of each triangle: connected in UVs by an edge, with one material.
 fn charts(mesh: &Mesh, coords: &[Vec2]) -> Vec<u32> {
     let all: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
+    let place = weld(mesh, coords);
+    let mut edges = Vec::with_capacity(3 * all.len());
+    for (i, (t, material)) in mesh.triangles.iter().zip(&mesh.triangle_material).enumerate() {
+        let v = t.map(|v| place[v as usize]);
+        let edge = |a: u32, b: u32| (a.min(b), a.max(b), *material, i as u32);
+        edges.extend([edge(v[0], v[1]), edge(v[1], v[2]), edge(v[2], v[0])]);
+    }
+    edges.sort_unstable();
     let mut sets = Sets::new(all.len());
-    let mut edges = HashMap::new();
-    let key = |v: u32| (mesh.positions[v as usize] + 0.0).to_array().map(f32::to_bits);
-    let uv_key = |v: u32| (coords[v as usize] + 0.0).to_array().map(f32::to_bits);
-    for (i, t) in mesh.triangles.iter().enumerate() {
-        let v = t.map(|v| (key(v), uv_key(v)));
-        for (a, b) in [(v[0], v[1]), (v[1], v[2]), (v[2], v[0])] {
-            let edge = (a.min(b), a.max(b), mesh.triangle_material[i]);
-            let first = *edges.entry(edge).or_insert(i as u32);
-            sets.join(first, i as u32);
-        }
+    for shared in edges.chunk_by(|a, b| (a.0, a.1, a.2) == (b.0, b.1, b.2)) {
+        shared.iter().for_each(|edge| sets.join(shared[0].3, edge.3));
     }
     let mut chart = vec![0; all.len()];
     for (c, group) in sets.groups(&all).into_iter().enumerate() {
         group.into_iter().for_each(|t| chart[t as usize] = c as u32);
     }
     chart
+}
+
+/// A number for each vertex, equal for those at one place with one UV.
+fn weld(mesh: &Mesh, coords: &[Vec2]) -> Vec<u32> {
+    // Adding zero makes -0 and 0 one.
+    let key = |v: usize| {
+        let ([x, y, z], [s, t]) = ((mesh.positions[v] + 0.0).to_array(), (coords[v] + 0.0).to_array());
+        [x, y, z, s, t].map(f32::to_bits)
+    };
+    let mut order: Vec<([u32; 5], u32)> = (0..mesh.positions.len()).map(|v| (key(v), v as u32)).collect();
+    order.sort_unstable();
+    let mut place = vec![0; order.len()];
+    for same in order.chunk_by(|a, b| a.0 == b.0) {
+        same.iter().for_each(|(_, v)| place[*v as usize] = same[0].1);
+    }
+    place
 }
 
 /// Area of a mesh's UVs, of either sign.

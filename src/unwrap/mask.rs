@@ -1,10 +1,14 @@
 //! Bitmaps of charts and pages at texel resolution.
 
 use glam::DVec2;
+use std::ops::Range;
 
 /// How far [texels] a triangle may reach into a texel without covering it: more than the rounding of a UV in single precision
 /// on the largest page, so that an edge on a texel border covers the same texels before and after rounding.
 pub const BORDER: f64 = 1e-3;
+
+/// Up to this many places left in a row are looked at one by one.
+const FEW_PLACES: u32 = 64;
 
 /// The texels that a chart touches.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +86,12 @@ impl Mask {
 }
 
 /// Calls `span(row, first, end)` for the texels of a grid that a triangle overlaps by more than [`BORDER`]; at least one.
-pub fn touched(triangle: [DVec2; 3], size: [u32; 2], mut span: impl FnMut(u32, u32, u32)) {
+pub fn touched(triangle: [DVec2; 3], size: [u32; 2], span: impl FnMut(u32, u32, u32)) {
+    touched_rows(triangle, size, &(0..size[1]), span);
+}
+
+/// The same in `rows` alone.
+pub fn touched_rows(triangle: [DVec2; 3], size: [u32; 2], rows: &Range<u32>, mut span: impl FnMut(u32, u32, u32)) {
     let cell = |v: f64, limit: u32| (v.max(0.0) as u32).min(limit - 1);
     let low = triangle.iter().fold(f64::INFINITY, |m, p| m.min(p.y));
     let high = triangle.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.y));
@@ -92,7 +101,7 @@ pub fn touched(triangle: [DVec2; 3], size: [u32; 2], mut span: impl FnMut(u32, u
         if a < b { (a, b) } else { (0.5 * (low + high), 0.5 * (low + high)) }
     };
     let (y0, y1) = inner(low, high);
-    for row in cell(y0, size[1])..=cell(y1, size[1]) {
+    for row in cell(y0, size[1]).max(rows.start)..(cell(y1, size[1]) + 1).min(rows.end) {
         let (top, bottom) = (f64::from(row).max(low), f64::from(row + 1).min(high));
         let (mut x0, mut x1) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut take = |x: f64| (x0, x1) = (x0.min(x), x1.max(x));
@@ -153,16 +162,17 @@ impl Page {
         page
     }
 
-    /// The topmost, then leftmost free place for a mask at or below row `start`.
-    pub fn find(&self, mask: &Mask, start: u32) -> Option<[u32; 2]> {
+    /// The topmost, then leftmost free place for a mask at or below row `start` and above row `end`.
+    pub fn find(&self, mask: &Mask, start: u32, end: u32) -> Option<[u32; 2]> {
         let [w, h] = mask.size;
         if w > self.size[0] || h > self.size[1] {
             return None;
         }
+        let end = end.min(self.size[1] - h + 1);
         let full = mask.is_full();
         let mut blocked = vec![0u64; self.words];
         let mut line = vec![0u64; self.words];
-        'rows: for y in start..=self.size[1] - h {
+        'rows: for y in start..end {
             let fits = |r: &[u32; 3]| self.widest[(y + r[0]) as usize] >= r[2];
             if full {
                 // Rows far down first: where those are full, so is all above, mostly.
@@ -183,18 +193,40 @@ impl Page {
                 smear(&mut line, w as usize);
                 or(&mut blocked, &line);
             } else {
-                for &[row, first, length] in &mask.runs {
+                for (k, &[row, first, length]) in mask.runs.iter().enumerate() {
                     line.fill(0);
                     or_shifted(&mut line, self.row(y + row), first as usize);
                     smear(&mut line, length as usize);
                     or(&mut blocked, &line);
-                    if blocked.iter().all(|&b| b == u64::MAX) {
-                        continue 'rows;
+                    // The widest runs leave few places: those are looked at one by one.
+                    if blocked.iter().map(|b| b.count_zeros()).sum::<u32>() <= FEW_PLACES {
+                        match self.first_free(&blocked, &mask.runs[k + 1..], y) {
+                            Some(x) => return Some([x, y]),
+                            None => continue 'rows,
+                        }
                     }
                 }
             }
             if let Some(word) = blocked.iter().position(|&b| b != u64::MAX) {
                 return Some([word as u32 * 64 + blocked[word].trailing_ones(), y]);
+            }
+        }
+        None
+    }
+
+    /// The first of the columns that are not `blocked` at which all of `runs` are free, the mask's top being at row `y`.
+    fn first_free(&self, blocked: &[u64], runs: &[[u32; 3]], y: u32) -> Option<u32> {
+        for (word, &bits) in blocked.iter().enumerate() {
+            let mut open = !bits;
+            while open != 0 {
+                let x = word as u32 * 64 + open.trailing_zeros();
+                let is_free = |&[row, first, length]: &[u32; 3]| {
+                    is_clear(self.row(y + row), (x + first) as usize, (x + first + length) as usize)
+                };
+                if runs.iter().all(is_free) {
+                    return Some(x);
+                }
+                open &= open - 1;
             }
         }
         None
@@ -220,6 +252,16 @@ impl Page {
     }
 }
 
+/// True where none of the bits first..end is set.
+fn is_clear(line: &[u64], first: usize, end: usize) -> bool {
+    let (w0, w1) = (first / 64, (end - 1) / 64);
+    let (head, tail) = (u64::MAX << (first % 64), u64::MAX >> (63 - (end - 1) % 64));
+    if w0 == w1 {
+        return line[w0] & head & tail == 0;
+    }
+    line[w0] & head == 0 && line[w1] & tail == 0 && line[w0 + 1..w1].iter().all(|&word| word == 0)
+}
+
 /// Sets the bits first..end.
 fn set(line: &mut [u64], first: usize, end: usize) {
     if first >= end {
@@ -243,10 +285,19 @@ fn or(line: &mut [u64], other: &[u64]) {
 /// `line[x] |= other[x + by]`; bits from beyond the end count as set.
 fn or_shifted(line: &mut [u64], other: &[u64], by: usize) {
     let (words, bits) = (by / 64, by % 64);
-    let at = |i: usize| other.get(i).copied().unwrap_or(u64::MAX);
-    for (i, out) in line.iter_mut().enumerate() {
-        let low = at(i + words) >> bits;
-        *out |= if bits == 0 { low } else { low | at(i + words + 1) << (64 - bits) };
+    let inside = line.len().saturating_sub(words);
+    line[inside..].fill(u64::MAX);
+    let other = &other[line.len() - inside..];
+    if bits == 0 {
+        or(line, other);
+        return;
+    }
+    // Word by word with the next one, the last with what lies beyond.
+    for (out, pair) in line.iter_mut().zip(other.windows(2)) {
+        *out |= pair[0] >> bits | pair[1] << (64 - bits);
+    }
+    if let Some(last) = other.last() {
+        line[inside - 1] |= last >> bits | u64::MAX << (64 - bits);
     }
 }
 
@@ -256,11 +307,18 @@ fn smear(line: &mut [u64], length: usize) {
     while done < length {
         let step = done.min(length - done);
         let (words, bits) = (step / 64, step % 64);
-        for i in 0..line.len() {
-            let at = |k: usize| line.get(k).copied().unwrap_or(u64::MAX);
-            let low = at(i + words) >> bits;
-            line[i] |= if bits == 0 { low } else { low | at(i + words + 1) << (64 - bits) };
+        let inside = line.len().saturating_sub(words);
+        if bits == 0 {
+            (0..inside).for_each(|i| line[i] |= line[i + words]);
+        } else {
+            // What is read lies ahead of what is written.
+            (0..inside.saturating_sub(1))
+                .for_each(|i| line[i] |= line[i + words] >> bits | line[i + words + 1] << (64 - bits));
+            if inside > 0 {
+                line[inside - 1] |= line[inside - 1 + words] >> bits | u64::MAX << (64 - bits);
+            }
         }
+        line[inside..].fill(u64::MAX);
         done += step;
     }
 }

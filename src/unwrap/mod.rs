@@ -142,16 +142,18 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
 
 /// Area of all surfaces [m²].
 fn area(scene: &Scene) -> f64 {
-    let surface = |(s, surface): (usize, &crate::scene::Surface)| -> f64 {
-        let triangles = 0..scene.meshes[surface.mesh].triangles.len();
-        triangles
-            .map(|t| {
-                let [a, b, c] = scene.world_triangle(s, t).map(|p| p.as_dvec3());
-                0.5 * (b - a).cross(c - a).length()
-            })
-            .sum()
+    let areas: Vec<f64> = (0..scene.surfaces.len()).into_par_iter().map(|s| surface_area(scene, s)).collect();
+    areas.iter().sum()
+}
+
+/// Area of surface `surface` [m²].
+fn surface_area(scene: &Scene, surface: usize) -> f64 {
+    let triangles = 0..scene.meshes[scene.surfaces[surface].mesh].triangles.len();
+    let area = |t: usize| {
+        let [a, b, c] = scene.world_triangle(surface, t).map(|p| p.as_dvec3());
+        0.5 * (b - a).cross(c - a).length()
     };
-    scene.surfaces.iter().enumerate().map(surface).sum()
+    triangles.map(area).sum()
 }
 
 /// The layout as UVs and placements.

@@ -2,6 +2,47 @@
 
 use glam::DVec2;
 
+/// Which cells of a square grid are taken.
+pub struct Cells {
+    /// Words of 64 cells in a row.
+    words: usize,
+    taken: Vec<u64>,
+}
+
+impl Cells {
+    /// A grid of `side` x `side` free cells.
+    pub fn new(side: usize) -> Self {
+        let words = side.div_ceil(64);
+        Self { words, taken: vec![0; words * side] }
+    }
+
+    /// How many of the cells `first..end` of `row` are taken.
+    pub fn count(&self, row: usize, first: usize, end: usize) -> usize {
+        let line = &self.taken[row * self.words..][..self.words];
+        masks(first, end).map(|(word, mask)| (line[word] & mask).count_ones() as usize).sum()
+    }
+
+    /// Takes them, and returns how many of them were free.
+    pub fn take(&mut self, row: usize, first: usize, end: usize) -> usize {
+        let line = &mut self.taken[row * self.words..][..self.words];
+        let mut fresh = 0;
+        for (word, mask) in masks(first, end) {
+            fresh += (mask & !line[word]).count_ones() as usize;
+            line[word] |= mask;
+        }
+        fresh
+    }
+}
+
+/// The words that hold the bits `first..end`, with a mask for each.
+fn masks(first: usize, end: usize) -> impl Iterator<Item = (usize, u64)> {
+    (first / 64..end.div_ceil(64)).map(move |word| {
+        let low = u64::MAX << first.saturating_sub(word * 64);
+        let high = u64::MAX >> 64usize.saturating_sub(end - word * 64).min(63);
+        (word, low & high)
+    })
+}
+
 /// Calls `span(row, first, end)` for the cells of a grid whose centres lie in the triangle. Triangles that share an edge, with
 /// the same coordinates for its ends, never both get a centre on it.
 pub fn centers(triangle: [DVec2; 3], columns: usize, rows: usize, mut span: impl FnMut(usize, usize, usize)) {
@@ -69,4 +110,19 @@ pub fn layers(uv: &[[DVec2; 3]], groups: &[std::ops::Range<usize>]) -> Vec<usize
 /// The least and greatest coordinates.
 pub fn bounds(uv: &[[DVec2; 3]]) -> (DVec2, DVec2) {
     uv.iter().flatten().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_counted_as_they_are_taken() {
+        let mut cells = Cells::new(200);
+        assert_eq!(cells.take(3, 10, 190), 180);
+        assert_eq!(cells.take(3, 0, 64), 10);
+        assert_eq!(cells.take(3, 64, 128), 0);
+        assert_eq!([cells.count(3, 0, 200), cells.count(3, 189, 200), cells.count(2, 0, 200)], [190, 1, 0]);
+        assert_eq!([cells.count(3, 63, 65), cells.count(3, 64, 64), cells.count(3, 128, 129)], [2, 0, 1]);
+    }
 }

@@ -113,9 +113,11 @@ pub fn place(page: &mut Page, pieces: &[&Piece], order: Order, progress: &dyn Pr
         for (turned, mask) in [(false, Some(&pieces[i].mask)), (true, pieces[i].turned.as_ref())] {
             let Some(mask) = mask else { continue };
             let known = if mask.is_full() { start.get(&mask.size).copied().unwrap_or(0) } else { 0 };
-            let found = page.find(mask, known);
+            // Further down than the other orientation it is of no use.
+            let end = best.map_or(page.size[1], |(reach, ..)| (reach + 1).saturating_sub(mask.size[1]));
+            let found = page.find(mask, known, end);
             if mask.is_full() {
-                start.insert(mask.size, found.map_or(page.size[1], |at| at[1]));
+                start.insert(mask.size, found.map_or(end.max(known), |at| at[1]));
             }
             if let Some(at) = found {
                 let reach = at[1] + mask.size[1];
