@@ -34,7 +34,7 @@ const DARKEST: f32 = 0.02;
 const OWN: f32 = 0.7;
 
 /// Of errors so weighed, the part that counts beside those over the mean light.
-pub const LOCAL_PART: f64 = 0.85;
+pub const LOCAL_PART: f64 = 0.82;
 
 /// What the error of a block with the light `own` is weighed against where the scene has `mean` [lx].
 fn level(own: f32, mean: f32) -> f32 {
