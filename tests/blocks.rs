@@ -334,5 +334,5 @@ fn a_small_bright_spot_is_found_by_every_block() {
     println!("mean {:+.2} %, deviation {:.2} %", 100.0 * (mean / truth - 1.0), 100.0 * deviation / mean);
     assert!(deviation / mean < 0.03, "{means:?}");
     // A small spot lights the middle of the ceiling most, and blocks at 5 % are too large for its top.
-    assert!((mean / truth - 1.0).abs() < 0.04, "{means:?} against {truth}");
+    assert!((mean / truth - 1.0).abs() < 0.045, "{means:?} against {truth}");
 }

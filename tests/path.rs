@@ -250,7 +250,7 @@ fn a_spot_shines_past_a_shelf() {
     let (position, direction) = (Vec3::new(0.3, 2.0, -0.2), Vec3::new(-0.2, -1.0, 0.1).normalize());
     let (inner, outer, range) = (0.3f32, 0.6f32, Some(9.0));
     scene.lights.push(light(LightShape::Spot { position, direction, intensity: Rgb::ONE, inner, outer, range }));
-    let (found, patches) = traced(&scene, &atlas(2, 16), &params(64));
+    let (found, patches) = traced(&scene, &atlas(2, 16), &params(128));
     // The integral over the floor, by a grid over it.
     const SIDE: usize = 1000;
     let at = |k: usize| (k as f32 + 0.5) * 2.0 / SIDE as f32 - 1.0;

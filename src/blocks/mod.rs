@@ -67,7 +67,7 @@ pub struct Exchanged {
 }
 
 /// Samples in each half of a block's first look, at most; small blocks make do with one a texel.
-const FIRST: u32 = 12;
+const FIRST: u32 = 16;
 /// Samples in each half of a block's second look, which knows what shines, at most; small blocks get four a texel.
 const SECOND: u32 = 32;
 
@@ -83,7 +83,7 @@ const ROUGH: f64 = 0.01;
 
 /// A block's side over the harmonic mean of the distances around it, for an error of 1: what varies over a distance misses by
 /// its square.
-const REACH: f32 = 4.0;
+const REACH: f32 = 3.5;
 
 /// Of the error that is aimed at, the part that noise may take, and that the interpolation of a single block may.
 const NOISE_PART: f64 = 0.8;

@@ -72,7 +72,34 @@ pub fn smooth(blocks: &Blocks, around: &[Vec<u32>], responses: Vec<Response>) ->
     let settled: Vec<(Response, [f32; 3])> = responses.into_par_iter().enumerate().map(settle).collect();
     let column = |k: usize| settled.iter().map(|s| s.1[k]).collect();
     let (error, detail, doubt) = (column(0), column(1), column(2));
-    Smoothed { responses: settled.into_iter().map(|s| s.0).collect(), error, detail, doubt }
+    let mut responses: Vec<Response> = settled.into_iter().map(|s| s.0).collect();
+    give_back(blocks, &own, &mut responses);
+    Smoothed { responses, error, detail, doubt }
+}
+
+/// Ratios beyond which the light of a region must have been all noise.
+const RATIO: [f32; 2] = [0.8, 1.25];
+
+/// Gives back to each region what smoothing took from its light in all: peaks are cut off more than hollows are filled. What blocks had
+/// of their `own` is without bias.
+fn give_back(blocks: &Blocks, own: &[Values], responses: &mut [Response]) {
+    let fronts = &blocks.list[..responses.len()];
+    let mut first = 0;
+    for region in fronts.chunk_by(|a, b| a.region == b.region) {
+        let (own, responses) = (&own[first..][..region.len()], &mut responses[first..][..region.len()]);
+        first += region.len();
+        let smoothed: Vec<Values> = responses.iter().zip(region).map(|(r, block)| r.at(block.normal)).collect();
+        let sum = |values: &[Values], k: usize| -> f32 { region.iter().zip(values).map(|(b, v)| b.area * v[k]).sum() };
+        let ratio: Values = std::array::from_fn(|k| {
+            let (whole, left) = (sum(own, k), sum(&smoothed, k));
+            let is_light = k != DIFFERENCE && left > 0.0;
+            if is_light { (whole / left).clamp(RATIO[0], RATIO[1]) } else { 1.0 }
+        });
+        for (response, smoothed) in responses.iter_mut().zip(&smoothed) {
+            let kept: Values = std::array::from_fn(|k| ratio[k] * smoothed[k]);
+            *response = std::mem::replace(response, Response::Flat(kept)).moved(smoothed, &kept);
+        }
+    }
 }
 
 /// The plane through the `value`s of block `b` and those around it, at the place of the block; `None` where they are too few.
