@@ -122,7 +122,8 @@ impl Draw<'_> {
             .collect();
         // Those of one texel in a row, so that its footprint is cut once.
         picks.sort_unstable_by_key(|p| (p.0, p.1));
-        let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal };
+        let surface = ground.patches.surface[self.blocks.order[block.first as usize] as usize];
+        let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal, surface };
         let mut points = vec![middle; picks.len()];
         let mut cutter = Cutter::new(ground);
         let side = if block.back { -1.0 } else { 1.0 };

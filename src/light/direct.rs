@@ -8,7 +8,7 @@
 use super::emitter::{Emitter, Sight};
 use super::receiver::Site;
 use super::shadow::{Ballot, Look, Volley, examine, glance};
-use super::skylight::from_sky;
+use super::skylight::{from_sky, through_portals};
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -87,7 +87,7 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let around: Vec<f32> = glances.iter().map(|block| mean_light(block)).collect();
     let (mut arriving, ballots): (Vec<Arriving>, Vec<Ballot>) = glances.into_iter().flatten().unzip();
     look_closely(lit, &blocks, &around, ballots, &mut arriving, progress)?;
-    if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) {
+    if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) || !lit.lights.portals.is_empty() {
         add_sky(lit, &blocks, &mut arriving, progress)?;
     }
     let mut inflow = DVec3::ZERO;
@@ -128,7 +128,8 @@ fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     // Of the light around nothing is known.
     let look = Look { closely, around: 0.0, most_samples: MOST_ARRIVING };
     let (mut sum, _) = examine(sight, &emitters, &site, look, &mut Volley::default());
-    from_sky(sight, receiver, &mut sum);
+    from_sky(sight, receiver, false, &mut sum);
+    through_portals(sight, receiver, false, &mut sum);
     sum
 }
 
@@ -210,7 +211,8 @@ fn add_sky(lit: &Lit, blocks: &[Range<usize>], arriving: &mut [Arriving], progre
             Ok(at_block(lit, block, &all, |sight, _, sites| {
                 let sky = |site: &Site| {
                     let mut sum = Arriving::default();
-                    from_sky(sight, site.receiver, &mut sum);
+                    from_sky(sight, site.receiver, true, &mut sum);
+                    through_portals(sight, site.receiver, true, &mut sum);
                     sum
                 };
                 sites.iter().map(sky).collect()

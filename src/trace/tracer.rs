@@ -30,10 +30,18 @@ const ORIGIN_OFFSET: f32 = 64.0 * f32::EPSILON;
 impl Tracer {
     /// Builds the BVH over the surfaces of `scene`. Cost: about a second a million triangles.
     pub fn new(scene: &Scene) -> Self {
+        Self::of(scene, |_| true)
+    }
+
+    /// The same over those surfaces alone, by index, that `keep` holds; at least one of them has triangles.
+    pub fn of(scene: &Scene, keep: impl Fn(usize) -> bool) -> Self {
         let mut first = Vec::with_capacity(scene.surfaces.len() + 1);
         let (mut corners, mut surface) = (Vec::new(), Vec::new());
         for (s, placed) in scene.surfaces.iter().enumerate() {
             first.push(corners.len() as u32);
+            if !keep(s) {
+                continue;
+            }
             for t in 0..scene.meshes[placed.mesh].triangles.len() {
                 corners.push(scene.world_triangle(s, t).map(|p| p.to_array()));
                 surface.push(s as u32);
