@@ -1,8 +1,11 @@
-"""Lights as the command reads them, against usd-core's own functions."""
+"""Lights as the command reads them, against usd-core's own functions; and as they shine, against Cycles."""
 
 import json
 
+import numpy as np
 import pytest
+from baked.gltf import Document
+from baked.pages import read_page
 from conftest import lumel
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
@@ -101,3 +104,64 @@ def test_normalized_lights_keep_their_power(tmp_path):
             UsdGeom.Xformable(light).AddScaleOp().Set((scale, scale, scale))
     for name, light in inspected(stage).items():
         assert light["power"] == pytest.approx(7 * 3.14159265, rel=1e-4), name
+
+
+def floor_of(stage: Usd.Stage, cells: int = 16) -> None:
+    """A floor of 2 x 2 m as a grid, so that vertices sample the light."""
+    at = [2 * i / cells - 1 for i in range(cells + 1)]
+    mesh = UsdGeom.Mesh.Define(stage, "/floor")
+    mesh.CreatePointsAttr([(x, 0, z) for z in at for x in at])
+    n = cells + 1
+    faces = [(i + k * n, i + (k + 1) * n, i + 1 + (k + 1) * n, i + 1 + k * n) for k in range(cells) for i in range(cells)]
+    mesh.CreateFaceVertexCountsAttr([4] * len(faces))
+    mesh.CreateFaceVertexIndicesAttr([v for face in faces for v in face])
+    mesh.CreateSubdivisionSchemeAttr("none")
+    mesh.CreateDisplayColorAttr([(0.5, 0.5, 0.5)])
+
+
+LIGHTS = {
+    # Kind, attributes, radiance and radius of a ball.
+    "rect": ("RectLight", {"width": 0.6, "height": 0.4, "intensity": 20}, 20, 0),
+    "disk": ("DiskLight", {"radius": 0.3, "intensity": 20}, 20, 0),
+    "ball": ("SphereLight", {"radius": 0.2, "intensity": 20}, 20, 0.2),
+    "sun": ("DistantLight", {"angle": 4.0, "intensity": 300}, 0, 0),
+}
+
+
+def test_blender_sees_the_same_light(tmp_path, bake, blender):
+    """A floor under each kind of light: Cycles and the bake agree within 2 % at every vertex away from the rim."""
+    for name, (kind, attributes, _, _) in LIGHTS.items():
+        stage = Usd.Stage.CreateNew(str(tmp_path / f"{name}.usda"))
+        UsdGeom.SetStageMetersPerUnit(stage, 1)
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+        floor_of(stage)
+        light = getattr(UsdLux, kind).Define(stage, "/lamp")
+        for key, value in attributes.items():
+            light.GetPrim().GetAttribute(f"inputs:{key}").Set(value)
+        xform = UsdGeom.Xformable(light)
+        xform.AddTranslateOp().Set((0.2, 1.2, -0.1))
+        xform.AddRotateXYZOp().Set((-75, 20, 0))
+        stage.Save()
+    blender("render_lights.py", tmp_path, 256, *(f"{n}:{radiance}:{radius}" for n, (_, _, radiance, radius) in LIGHTS.items()))
+    for name in LIGHTS:
+        done = bake(tmp_path / f"{name}.usda", "--quality", "high", "--resolution", "128", "--max-bounces", "0")
+        pixels = read_page(tmp_path / f"{name}.exr").rgb
+        size = pixels.shape[0]
+        found, expected = [], []
+        document = Document(done.vertex_glb)
+        for primitive in (p for m in document.json["meshes"] for p in m["primitives"]):
+            positions = document.accessor(primitive["attributes"]["POSITION"])
+            light = document.accessor(primitive["attributes"]["_IRRADIANCE"])
+            for (x, _, z), e in zip(positions, light):
+                if max(abs(x), abs(z)) < 0.8:
+                    # The mean of the four pixels around the vertex; grid lines are pixel edges.
+                    i, k = round((x + 1) / 2 * size), round((z + 1) / 2 * size)
+                    found.append(np.mean(e[:3]))
+                    expected.append(pixels[k - 1 : k + 1, i - 1 : i + 1].mean())
+        found, expected = np.array(found), np.array(expected)
+        scale = found.mean() / expected.mean()
+        print(f"{name}: mean {scale:.4f}, worst {np.abs(found / expected / scale - 1).max():.4f}")
+        assert len(found) > 100
+        # Both hold E / pi.
+        assert scale == pytest.approx(1, abs=0.02), name
+        assert np.abs(found / expected - 1).max() < 0.02, name
