@@ -68,6 +68,12 @@ def test_links_are_usd_core_s(tmp_path):
     other.CreateIncludesRel().AddTarget("/geo/b")
     light = UsdLux.SphereLight.Define(stage, "/light_by_collection").GetPrim()
     link(light, "light", root=False, includes=[other.GetCollectionPath()])
+    # One that holds a group on its own alone, within one that holds everything.
+    alone = Usd.CollectionAPI.Apply(stage.GetPrimAtPath("/geo"), "alone")
+    alone.CreateExpansionRuleAttr("explicitOnly")
+    alone.CreateIncludesRel().AddTarget("/geo/group")
+    light = UsdLux.SphereLight.Define(stage, "/light_alone").GetPrim()
+    link(light, "light", root=True, includes=[alone.GetCollectionPath()], excludes=["/geo/a"])
     lights = inspected(stage)
     for path, found in lights.items():
         api = UsdLux.LightAPI(stage.GetPrimAtPath(path))
@@ -76,7 +82,7 @@ def test_links_are_usd_core_s(tmp_path):
             expected = sum(query.IsPathIncluded(Sdf.Path(p)) for p in GEOMETRY)
             counted = len(GEOMETRY) if found[key] is None else found[key]
             assert counted == expected, f"{path}: {key} {found[key]}, usd-core has {expected}"
-    assert len(lights) == 2 * len(cases) + 1
+    assert len(lights) == 2 * len(cases) + 2
 
 
 @pytest.mark.parametrize("kelvin", [1000, 2700, 4321, 6500, 10000])

@@ -5,7 +5,7 @@ use super::read;
 use crate::error::Warnings;
 use crate::scene::{Linked, Links};
 use openusd::sdf::Path;
-use openusd::usd::{CollectionAPI, Prim};
+use openusd::usd::{CollectionAPI, MembershipQuery, PathRule, Prim};
 
 /// True where a light is not simply linked to everything.
 pub fn is_restricted(prim: &Prim, w: &mut Warnings) -> bool {
@@ -60,6 +60,25 @@ fn members(prim: &Prim, name: &str, surfaces: &[String], w: &mut Warnings) -> Li
     {
         w.add(prim.attribute(expression).path(), "a membership expression could not be read; it holds nothing");
     }
-    let is_member = |path: &String| Path::new(path).is_ok_and(|path| query.is_path_included(&path));
+    let is_member = |path: &String| Path::new(path).is_ok_and(|path| holds(&query, &path));
     Linked::only(surfaces.iter().map(is_member).collect())
+}
+
+/// Whether `query` holds `path`. As in usd-core, an ancestor that is a member on its own alone says nothing of what lies below it:
+/// the ancestors above it do.
+fn holds(query: &MembershipQuery, path: &Path) -> bool {
+    if !query.uses_path_expansion_rule_map() {
+        return query.is_path_included(path);
+    }
+    let mut at = Some(path.clone());
+    while let Some(ancestor) = at {
+        match query.rule_map().get(&ancestor) {
+            Some(PathRule::Exclude) => return false,
+            Some(PathRule::ExplicitOnly) if ancestor != *path => {}
+            Some(_) => return true,
+            None => {}
+        }
+        at = ancestor.parent();
+    }
+    false
 }
