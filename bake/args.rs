@@ -6,6 +6,7 @@
 
 use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum, ValueHint};
+use lumel::settings::SkySetting;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -252,9 +253,13 @@ pub struct UvArgs {
 #[command(next_help_heading = "Light")]
 #[serde(rename_all = "kebab-case")]
 pub struct LightArgs {
-    /// Constant sky radiance, linear Rec.709, in place of the scene's sky [nit; 0 or more]
-    #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, conflicts_with = "environment")]
-    pub sky: Option<[f32; 3]>,
+    /// Sky in place of the scene's: a constant radiance, linear Rec.709 [nit; 0 or more], or clear[,TURBIDITY] around the --sun
+    /// (Preetham 1999) [turbidity 1.7..10; default 3]
+    #[arg(long, value_name = "R,G,B|clear", value_parser = parse_sky, conflicts_with = "environment")]
+    pub sky: Option<SkySetting>,
+    /// A sun: degrees above the horizon, degrees clockwise from north (-Z), lux at normal incidence; a disc of 0.53 degrees
+    #[arg(long, value_name = "ELEVATION,AZIMUTH,LUX", value_parser = parse_sun, allow_hyphen_values = true)]
+    pub sun: Option<[f32; 3]>,
     /// Latlong picture (.exr .hdr .png .jpg) as the sky, in place of the scene's [nit]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub environment: Option<PathBuf>,
@@ -378,13 +383,17 @@ pub struct RunningArgs {
     pub overwrite: Option<bool>,
 }
 
-/// `r,g,b`, or one number for all three.
-fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
+/// See [`SkySetting`].
+fn parse_sky(text: &str) -> Result<SkySetting, String> {
+    text.parse()
+}
+
+/// `elevation,azimuth,lux`.
+fn parse_sun(text: &str) -> Result<[f32; 3], String> {
     let values: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
     match values.as_deref() {
-        Ok([r, g, b]) => Ok([*r, *g, *b]),
-        Ok([v]) => Ok([*v; 3]),
-        _ => Err("expected three numbers [nit] separated by commas, as in 1,1,1".to_string()),
+        Ok([elevation, azimuth, lux]) => Ok([*elevation, *azimuth, *lux]),
+        _ => Err("expected degrees, degrees and lux separated by commas, as in 40,180,80000".to_string()),
     }
 }
 
@@ -400,8 +409,12 @@ mod tests {
 
     #[test]
     fn sky_takes_one_or_three_numbers() {
-        assert_eq!(parse_rgb("1, 2,3"), Ok([1.0, 2.0, 3.0]));
-        assert_eq!(parse_rgb("0.5"), Ok([0.5; 3]));
-        assert!(parse_rgb("1,2").is_err() && parse_rgb("blue").is_err());
+        assert_eq!(parse_sky("1, 2,3"), Ok(SkySetting::Constant([1.0, 2.0, 3.0])));
+        assert_eq!(parse_sky("0.5"), Ok(SkySetting::Constant([0.5; 3])));
+        assert_eq!(parse_sky("clear"), Ok(SkySetting::Clear { turbidity: 3.0 }));
+        assert_eq!(parse_sky("clear, 2.5"), Ok(SkySetting::Clear { turbidity: 2.5 }));
+        assert!(parse_sky("1,2").is_err() && parse_sky("blue").is_err() && parse_sky("clear,x").is_err());
+        assert_eq!(parse_sun("40,-10,8e4"), Ok([40.0, -10.0, 8e4]));
+        assert!(parse_sun("40,180").is_err());
     }
 }

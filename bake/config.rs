@@ -149,6 +149,11 @@ fn read(path: &Path) -> Result<Table> {
             *p = folder.join(&*p).to_string_lossy().into_owned();
         }
     }
+    for projector in table.get_mut("projectors").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(Value::String(p)) = projector.get_mut("picture") {
+            *p = folder.join(&*p).to_string_lossy().into_owned();
+        }
+    }
     Ok(table)
 }
 
@@ -213,7 +218,7 @@ mod tests {
     use super::*;
     use crate::args::{Args, Command};
     use clap::Parser;
-    use lumel::settings::Quality;
+    use lumel::settings::{Quality, SkySetting};
     use lumel::unwrap::UvMode;
     use lumel::write::GltfProfile;
 
@@ -250,7 +255,7 @@ mod tests {
     #[test]
     fn every_setting_has_its_option() {
         let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
-                    --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --sky 1,2,0.1 \
+                    --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --time 1.5 --sky 1,2,0.1 --sun 40,180,8e4 \
                     --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather none --layers direct --watch w \
                     --watch-every 3";
@@ -267,7 +272,7 @@ mod tests {
         expected.sort();
         assert_eq!(keys, expected);
         let s = layered("", line);
-        assert_eq!(s.sky, Some([1.0, 2.0, 0.1]));
+        assert_eq!(s.sky, Some(SkySetting::Constant([1.0, 2.0, 0.1])));
         assert_eq!(s.gltf.as_deref(), Some([GltfProfile::Engine, GltfProfile::Vertex].as_slice()));
         assert_eq!(s.threads, Some(2));
     }
@@ -280,6 +285,9 @@ mod tests {
         assert_eq!((s.solver, s.iterations, s.watch), (lumel::solve::Solver::Auto, None, None));
         let s = layered("overshoot = true\niterations = 4", "--solver jacobi");
         assert_eq!((s.overshoot, s.iterations), (false, Some(4)));
+        let s = layered("sky = \"clear,2\"\nsun = [30.0, 90.0, 50000.0]", "");
+        assert_eq!((s.sky, s.sun), (Some(SkySetting::Clear { turbidity: 2.0 }), Some([30.0, 90.0, 5e4])));
+        assert!(complaint("sky = \"clear\"").contains("sun"));
         let s = layered("environment = \"sky.hdr\"", "--sky 1,1,1");
         assert!(s.environment.is_none() && s.sky.is_some());
     }
@@ -309,9 +317,12 @@ mod tests {
         let dir = std::env::temp_dir().join(format!("lumel-config-{}", std::process::id()));
         std::fs::create_dir_all(&dir).unwrap();
         let path = dir.join("lumel.toml");
-        std::fs::write(&path, "environment = \"sky/day.hdr\"\n").unwrap();
+        let projector = "[[projectors]]\nlight = \"*\"\npicture = \"slides/a.png\"\nfov = 30\n";
+        std::fs::write(&path, format!("environment = \"sky/day.hdr\"\n{projector}")).unwrap();
         let settings = settle(read(&path).unwrap(), typed("")).unwrap();
         assert_eq!(settings.environment, Some(dir.join("sky/day.hdr")));
+        assert_eq!(settings.projectors[0].picture, dir.join("slides/a.png"));
+        assert_eq!(settings.projectors[0].fov, Some(30.0));
         std::fs::remove_dir_all(dir).unwrap();
     }
 }

@@ -6,7 +6,7 @@ use super::console::Console;
 use super::failure::Failure;
 use super::print::{self, Table, count, number};
 use lumel::color::{Rgb, luminance};
-use lumel::inspect::{Inspection, inspect as look};
+use lumel::inspect::{Inspection, LightInfo, inspect as look};
 
 /// `lumel inspect`.
 ///
@@ -14,7 +14,8 @@ use lumel::inspect::{Inspection, inspect as look};
 /// `Usage` where the settings are wrong, else the loader's.
 pub fn inspect(args: &InspectArgs, console: &Console) -> Result<(), Failure> {
     let settings = config::resolve(args)?.settings;
-    let loaded = lumel::load::load_with(&args.scene.scene, &settings.load_options())?;
+    let mut loaded = lumel::load::load_with(&args.scene.scene, &settings.load_options())?;
+    lumel::added_light::add(&mut loaded, &settings)?;
     let inspection = look(&loaded, &settings);
     if args.json {
         return print::json(&inspection);
@@ -58,12 +59,11 @@ fn lights(i: &Inspection) -> String {
     let mut table = Table::new(&["light", "kind", ">R G B", "unit", ">area [m^2]", ">power [lm]", ""]);
     for l in &i.lights {
         let optional = |v: Option<f64>| v.map_or_else(String::new, number);
-        let note = if l.shaped { "shaped; power without it" } else { "" };
-        let cells = [&l.name, l.kind, &triple(l.value, " "), l.unit, &optional(l.area), &optional(l.power), note];
+        let cells = [&l.name, l.kind, &triple(l.value, " "), l.unit, &optional(l.area), &optional(l.power), &notes(l)];
         table.row(cells.map(str::to_string).to_vec());
     }
     let mut text = format!("lights: {}\n{}", i.lights.len(), table.text());
-    if let Some(e) = &i.environment {
+    for e in &i.environment {
         let picture = e.texture.as_ref().map_or_else(String::new, |(name, [w, h])| format!(", {name}, {w} x {h}"));
         text += &format!("sky: {}, {} nit{picture}\n", e.name, triple(e.radiance, " "));
     }
@@ -71,9 +71,33 @@ fn lights(i: &Inspection) -> String {
         text += &format!("emissive: {} m^2, {} lm\n", number(i.emissive_area), number(i.emissive_power));
     }
     if !i.has_light {
-        text += "nothing shines: a bake needs --sky or --environment\n";
+        text += "nothing shines: a bake needs --sky, --sun or --environment\n";
     }
     text
+}
+
+/// What makes a light differ from its shape's.
+fn notes(l: &LightInfo) -> String {
+    let mut notes = Vec::new();
+    if l.shaped {
+        notes.push("shaped".to_string());
+    }
+    if let Some(p) = &l.profile {
+        let rated = p.rated_lumens.map_or_else(String::new, |lm| format!(" of {} lm rated", number(lm)));
+        notes.push(format!("profile {}, {} lm{rated}", p.name, number(p.power)));
+    }
+    if let Some(p) = &l.picture {
+        let how = if p.thrown { "throws" } else { "shows" };
+        let target = if p.keystone { ", square on its target" } else { "" };
+        notes.push(format!("{how} {}, {} x {}{target}", p.name, p.size[0], p.size[1]));
+    }
+    if let Some(n) = l.lights_surfaces {
+        notes.push(format!("lights {} surfaces", count(n as u64)));
+    }
+    if let Some(n) = l.blocking_surfaces {
+        notes.push(format!("blocked by {} surfaces", count(n as u64)));
+    }
+    notes.join("; ")
 }
 
 fn totals(i: &Inspection) -> String {

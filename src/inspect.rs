@@ -4,16 +4,18 @@
 //! intensity of point lights; it is what leaves the light, before anything blocks it. Cost: one pass over the triangles and
 //! over the texels of the textures in use.
 
+mod light;
+
 use crate::color::{Rgb, luminance};
 use crate::error::Warnings;
 use crate::load::Loaded;
-use crate::scene::{Light, LightShape, Material, Mesh, Scene, TextureSlot};
+use crate::scene::{Environment, Material, Mesh, Scene, TextureSlot};
 use crate::settings::Settings;
 use crate::unwrap::Density;
-use glam::{Affine3A, DMat3, DVec3, Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// The share of a page that charts fill, for the estimate of pages; what xatlas reaches on rooms and furniture.
 const PACKING: f64 = 0.7;
@@ -27,7 +29,8 @@ pub struct Inspection {
     /// Meshes that more than one surface uses.
     pub shared_meshes: Vec<SharedMesh>,
     pub lights: Vec<LightInfo>,
-    pub environment: Option<EnvironmentInfo>,
+    /// The skies, whose light adds up.
+    pub environment: Vec<EnvironmentInfo>,
     /// False where nothing shines: a bake then needs a sky or an environment.
     pub has_light: bool,
     /// Corners of the box around all surfaces [m].
@@ -73,7 +76,7 @@ pub struct SharedMesh {
 #[derive(Clone, Debug, Serialize)]
 pub struct LightInfo {
     pub name: String,
-    /// `point`, `spot`, `directional`, `rect`, `disk`, `sphere` or `cylinder`.
+    /// `point`, `spot`, `directional`, `rect`, `disk`, `sphere`, `cylinder` or `portal`.
     pub kind: &'static str,
     /// Its intensity, illuminance or radiance, by `unit`.
     pub value: [f32; 3],
@@ -81,10 +84,35 @@ pub struct LightInfo {
     pub unit: &'static str,
     /// Emitting area [m^2]; none for those that have none.
     pub area: Option<f64>,
-    /// Luminous power [lm], `shaping` not regarded; none for a directional light, which has no bound.
+    /// Luminous power [lm]; none for directional lights and portals, which have no bound.
     pub power: Option<f64>,
     /// Restricted by a cone or focus.
     pub shaped: bool,
+    pub profile: Option<ProfileInfo>,
+    pub picture: Option<PictureInfo>,
+    /// How many surfaces it lights, and how many block it; none: all.
+    pub lights_surfaces: Option<usize>,
+    pub blocking_surfaces: Option<usize>,
+}
+
+/// A measured distribution.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProfileInfo {
+    pub name: String,
+    /// Luminous power of the profile itself [lm], and what its file states of its lamps.
+    pub power: f64,
+    pub rated_lumens: Option<f64>,
+}
+
+/// A picture on a light, or thrown by it.
+#[derive(Clone, Debug, Serialize)]
+pub struct PictureInfo {
+    pub name: String,
+    /// Width and height [texels].
+    pub size: [u32; 2],
+    pub thrown: bool,
+    /// Distorted so that it lands square on a target.
+    pub keystone: bool,
 }
 
 /// The sky.
@@ -121,12 +149,8 @@ pub fn inspect(loaded: &Loaded, settings: &Settings) -> Inspection {
     let shared = scene.meshes.iter().zip(uses).filter(|(_, n)| *n > 1);
     Inspection {
         shared_meshes: shared.map(|(m, surfaces)| SharedMesh { name: m.name.clone(), surfaces }).collect(),
-        lights: scene.lights.iter().map(light_info).collect(),
-        environment: scene.environment.as_ref().map(|e| {
-            let texture = e.texture.and_then(|t| scene.textures.get(t));
-            let texture = texture.map(|t| (t.name.clone(), [t.width, t.height]));
-            EnvironmentInfo { name: e.name.clone(), radiance: e.radiance.to_array(), texture }
-        }),
+        lights: scene.lights.iter().map(|light| light::light_info(scene, light)).collect(),
+        environment: scene.environment.iter().flat_map(Environment::each).map(|e| environment_info(scene, e)).collect(),
         has_light: scene.has_light(),
         bounds: bounds(scene).map(|p| p.to_array()),
         triangles: scene.triangle_count(),
@@ -268,103 +292,15 @@ fn bounds(scene: &Scene) -> [Vec3; 2] {
     corners.reduce(|| [Vec3::INFINITY, Vec3::NEG_INFINITY], join)
 }
 
-fn light_info(light: &Light) -> LightInfo {
-    let area_light = |area: f64, radiance: &Rgb| {
-        let power = PI * area * f64::from(luminance(*radiance));
-        (*radiance, "nit", Some(area), Some(power))
-    };
-    let (kind, (value, unit, area, power)) = match &light.shape {
-        LightShape::Point { intensity, .. } => {
-            ("point", (*intensity, "cd", None, Some(2.0 * TAU * f64::from(luminance(*intensity)))))
-        }
-        LightShape::Spot { intensity, inner, outer, .. } => {
-            // Full inside; outside it the square of a ramp linear in the cosine, whose mean is a third.
-            let (inner, outer) = (f64::from(*inner).cos(), f64::from(*outer).cos());
-            let solid_angle = TAU * ((1.0 - inner) + (inner - outer) / 3.0);
-            ("spot", (*intensity, "cd", None, Some(solid_angle * f64::from(luminance(*intensity)))))
-        }
-        LightShape::Directional { illuminance, .. } => ("directional", (*illuminance, "lx", None, None)),
-        LightShape::Rect { u, v, radiance, .. } => ("rect", area_light(4.0 * parallelogram(*u, *v), radiance)),
-        LightShape::Disk { u, v, radiance, .. } => ("disk", area_light(PI * parallelogram(*u, *v), radiance)),
-        LightShape::Sphere { world_from_unit, radiance } => {
-            ("sphere", area_light(sphere_area(world_from_unit), radiance))
-        }
-        LightShape::Cylinder { world_from_unit, radiance } => {
-            ("cylinder", area_light(cylinder_area(world_from_unit), radiance))
-        }
-    };
-    LightInfo {
-        name: light.name.clone(),
-        kind,
-        value: value.to_array(),
-        unit,
-        area,
-        power,
-        shaped: light.shaping.is_some(),
-    }
-}
-
-/// |u x v|.
-fn parallelogram(u: Vec3, v: Vec3) -> f64 {
-    u.as_dvec3().cross(v.as_dvec3()).length()
-}
-
-fn linear_part(m: &Affine3A) -> DMat3 {
-    let columns = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis];
-    let [x, y, z] = columns.map(|c| Vec3::from(c).as_dvec3());
-    DMat3::from_cols(x, y, z)
-}
-
-/// Area of the unit sphere under a linear map M: the integral of |cof(M) n| over its normals, by the midpoint rule (within
-/// 1e-4 for half axes up to 4 : 1).
-fn sphere_area(world_from_unit: &Affine3A) -> f64 {
-    let m = linear_part(world_from_unit);
-    // cof(M) n as cross products of M's columns: right for a flat ellipsoid, too, which has no inverse.
-    let (xy, yz, zx) = (m.x_axis.cross(m.y_axis), m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis));
-    let (rows, columns) = (256, 256);
-    let mut sum = 0.0;
-    for i in 0..rows {
-        let z = -1.0 + (f64::from(i) + 0.5) * 2.0 / f64::from(rows);
-        let r = (1.0 - z * z).sqrt();
-        for j in 0..columns {
-            let (sin, cos) = ((f64::from(j) + 0.5) * TAU / f64::from(columns)).sin_cos();
-            let n = DVec3::new(r * cos, r * sin, z);
-            sum += (yz * n.x + zx * n.y + xy * n.z).length();
-        }
-    }
-    sum * 2.0 * TAU / f64::from(rows * columns)
-}
-
-/// Area of the side of the cylinder of radius 1 along X, -1..1, under a linear map.
-fn cylinder_area(world_from_unit: &Affine3A) -> f64 {
-    let m = linear_part(world_from_unit);
-    let steps = 1024;
-    let side: f64 = (0..steps)
-        .map(|j| {
-            let (sin, cos) = ((f64::from(j) + 0.5) * TAU / f64::from(steps)).sin_cos();
-            m.x_axis.cross(m.z_axis * cos - m.y_axis * sin).length()
-        })
-        .sum();
-    2.0 * side * TAU / f64::from(steps)
+fn environment_info(scene: &Scene, sky: &Environment) -> EnvironmentInfo {
+    let texture = sky.texture.and_then(|t| scene.textures.get(t));
+    let texture = texture.map(|t| (t.name.clone(), [t.width, t.height]));
+    EnvironmentInfo { name: sky.name.clone(), radiance: sky.radiance.to_array(), texture }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Quat;
-
-    #[test]
-    fn curved_lights_have_their_closed_form_areas() {
-        let turned = Quat::from_rotation_z(0.3) * Quat::from_rotation_x(1.1);
-        let ball = Affine3A::from_scale_rotation_translation(Vec3::splat(2.0), turned, Vec3::ONE);
-        assert!((sphere_area(&ball) / (16.0 * PI) - 1.0).abs() < 1e-6);
-        // A spheroid of half axes 1, 1, 2: 2 pi (1 + 2 / e asin e), e = sqrt(3) / 2.
-        let long = Affine3A::from_scale_rotation_translation(Vec3::new(1.0, 1.0, 2.0), turned, Vec3::ZERO);
-        let e = 0.75f64.sqrt();
-        assert!((sphere_area(&long) / (TAU * (1.0 + 2.0 / e * e.asin())) - 1.0).abs() < 1e-4);
-        let tube = Affine3A::from_scale_rotation_translation(Vec3::new(1.5, 0.5, 0.5), turned, Vec3::ZERO);
-        assert!((cylinder_area(&tube) / (TAU * 0.5 * 3.0) - 1.0).abs() < 1e-6);
-    }
 
     #[test]
     fn texels_follow_the_density_until_the_pages_are_full() {

@@ -1,14 +1,14 @@
 //! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
+use crate::added_light;
 use crate::error::{Error, Result, Warnings};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
-use crate::load::{self, Loaded, image};
+use crate::load::{self, Loaded};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
-use crate::scene::Environment;
 use crate::settings::{Method, RESIDUAL, Settings};
 use crate::unwrap::{self, Atlas};
 use crate::view_factors::{Figures, view_factors};
@@ -31,7 +31,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let clock = Clock::new(progress);
     let (mut report, loaded) = open(scene, folder, settings, &clock)?;
     if !loaded.scene.has_light() {
-        let message = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE";
+        let message = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun";
         return Err(Error::invalid(loaded.path().display(), message));
     }
     if let Some(folder) = &settings.watch {
@@ -170,22 +170,7 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
     let mut loaded = load::load_with(scene, &settings.load_options())?;
     // A folder that can't be written is found out now, not after hours of work.
     Staging::new(folder)?;
-    if let Some(own) =
-        loaded.scene.environment.as_ref().filter(|_| settings.sky.is_some() || settings.environment.is_some())
-    {
-        loaded.warnings.add(&own.name, "the scene's own sky was replaced by the one that was asked for");
-    }
-    if let Some(sky) = settings.sky {
-        loaded.scene.environment = Some(Environment::constant("--sky", sky.into()));
-    }
-    if let Some(picture) = &settings.environment {
-        let texture = image::load_file(picture, image::ColorSpace::Auto)?;
-        loaded.scene.textures.push(texture);
-        let mut sky = Environment::constant("--environment", glam::Vec3::ONE);
-        sky.texture = Some(loaded.scene.textures.len() - 1);
-        loaded.scene.environment = Some(sky);
-        loaded.inputs.push(picture.clone());
-    }
+    added_light::add(&mut loaded, settings)?;
     let mut inputs = vec![Input::new(scene.to_path_buf())];
     inputs.extend(loaded.inputs.iter().filter(|p| *p != scene).cloned().map(Input::new));
     let warnings = std::mem::take(&mut loaded.warnings);

@@ -1,7 +1,10 @@
 //! What a bake is asked to do, and the presets behind it.
 
 mod check;
+mod outdoors;
 mod percent;
+
+pub use outdoors::{ProjectorSetting, SkySetting};
 
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
@@ -72,13 +75,18 @@ pub struct Settings {
     pub seed: u32,
     /// Worker threads; none: one a core.
     pub threads: Option<usize>,
-    /// Constant sky radiance [nit], added to a scene without a sky or in place of its own.
-    pub sky: Option<[f32; 3]>,
+    /// A constant sky or the clear one around `sun`, added to a scene without a sky or in place of its own.
+    pub sky: Option<SkySetting>,
+    /// A sun: degrees above the horizon, degrees clockwise from north (-Z), illuminance at normal incidence [lx].
+    pub sun: Option<[f32; 3]>,
     /// Latlong picture [nit] as the sky.
     pub environment: Option<PathBuf>,
     /// Forms of the GLB; none: engine and vertex.
     pub gltf: Option<Vec<GltfProfile>>,
     pub lights: BakedLights,
+    /// Pictures that lights are to throw.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub projectors: Vec<ProjectorSetting>,
     /// Folder for numbered EXR files of the stages in between.
     pub dump_stages: Option<PathBuf>,
     /// Folder for pages of the solution as it grows.

@@ -87,7 +87,8 @@ fn energy_balances_at_every_quality() {
             let most = match (case.name, quality) {
                 // Light through a slit, at 16 texels a wall, and noise of the picture's brightness.
                 ("divided room" | "picture sky", Quality::Draft) => 0.02,
-                ("picture sky", Quality::Medium) => 0.012,
+                // By seed -0.3 to -1.6 %, as many brightness samples as there may be: blocks lose a little of what a small sun sends.
+                ("picture sky", Quality::Medium) => 0.018,
                 // A point light in the middle of six bare walls: noise of a few large blocks that all see each other.
                 ("plain room", Quality::Medium) => 0.0075,
                 (_, Quality::Draft) => 0.01,
@@ -116,9 +117,6 @@ fn wrong_beyond(name: &str, off: Off, times: f64) -> Option<String> {
     is_wrong.then(|| format!("{name}: {off}"))
 }
 
-/// A picture sky's brightness is sampled at each texel by the preset, whatever the error: 7 % here, with a final gather too.
-const PICTURE_SKY: f64 = 3.3;
-
 fn assert_none(wrong: impl Iterator<Item = String>) {
     let wrong: Vec<String> = wrong.collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
@@ -128,10 +126,7 @@ fn assert_none(wrong: impl Iterator<Item = String>) {
 fn blocks_agree_with_the_final_gather() {
     let others = [divided_room(24), picture_sky(24), round_column(false), round_column(true)].map(Known::new);
     let known = [&*BLOCK, &*SUN, &*SHELF].into_iter().chain(&others);
-    assert_none(known.filter_map(|k| {
-        let times = if k.case.name == "picture sky" { PICTURE_SKY } else { 1.0 };
-        wrong_beyond(k.case.name, k.off(&k.case.blocks(2.0, 0)), times)
-    }));
+    assert_none(known.filter_map(|k| wrong(k.case.name, k.off(&k.case.blocks(2.0, 0)))));
 }
 
 #[test]

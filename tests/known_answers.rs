@@ -78,12 +78,9 @@ fn furnace_is_uniform() {
 fn point_light_over_a_floor() {
     let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.]).albedo(0.5)]);
     let position = glam::Vec3::new(0.0, 1.5, 0.0);
-    scene.lights.push(Light {
-        name: "lamp".into(),
-        shape: LightShape::Point { position, intensity: Rgb::new(100., 50., 25.), range: None },
-        shaping: None,
-        gltf_node: None,
-    });
+    scene
+        .lights
+        .push(Light::new("lamp", LightShape::Point { position, intensity: Rgb::new(100., 50., 25.), range: None }));
     let baked = bake(&scene, &atlas(1, 32), &draft());
     for (i, p) in baked.patches.position.iter().enumerate() {
         let way = position - *p;
@@ -134,12 +131,10 @@ fn a_double_sided_shelf_passes_light_on_below() {
         let shelf = if sided { shelf.double_sided() } else { shelf };
         let floor = Quad::new([-2., 0., -2.], [0., 0., 4.], [4., 0., 0.]).albedo(0.0);
         let mut scene = scene(&[shelf, floor]);
-        scene.lights.push(Light {
-            name: "lamp".into(),
-            shape: LightShape::Point { position: glam::Vec3::new(0., 0.5, 0.), intensity: Rgb::ONE, range: None },
-            shaping: None,
-            gltf_node: None,
-        });
+        scene.lights.push(Light::new(
+            "lamp",
+            LightShape::Point { position: glam::Vec3::new(0., 0.5, 0.), intensity: Rgb::ONE, range: None },
+        ));
         let baked = bake(&scene, &atlas(2, 16), &draft());
         let floor = (0..baked.patches.len()).filter(|&i| baked.patches.surface(i) == 1);
         floor.map(|i| (baked.gathered.irradiance[i] - baked.direct.shown[i]).x).sum::<f32>()
@@ -260,7 +255,7 @@ fn slab_room() -> Vec<Quad> {
 }
 
 fn lamp(shape: LightShape) -> Light {
-    Light { name: "lamp".into(), shape, shaping: None, gltf_node: None }
+    Light::new("lamp", shape)
 }
 
 #[test]

@@ -510,7 +510,7 @@ def Mesh "m" {{ {SQUARE} }}"#
     assert!(sky.uv(Vec3::Y).y < 1e-3);
     assert!((sky.uv(Vec3::Z) - Vec2::splat(0.5)).abs().max_element() < 1e-5);
     assert!((sky.uv(Vec3::X) - Vec2::new(0.25, 0.5)).abs().max_element() < 1e-5);
-    assert!(warned(&loaded, "IES", "/spot: lamp.ies") && warned(&loaded, "PortalLight", "/portal"));
+    assert!(warned(&loaded, "IES", "/spot: lamp.ies") && warned(&loaded, "no dome light names this portal", "/portal"));
 }
 
 /// A 2 x 1 PNG, red then blue.

@@ -162,7 +162,7 @@ fn room_with_a_shelf_agrees_with_radiosity_and_keeps_its_energy() {
 }
 
 fn light(shape: LightShape) -> Light {
-    Light { name: "light".into(), shape, shaping: None, gltf_node: None }
+    Light::new("light", shape)
 }
 
 /// A picture, bright in one place.

@@ -35,7 +35,7 @@ fn a_bar_narrower_than_a_texel_casts_its_whole_shadow() {
     let direction = Vec3::new(0.01, -1.0, 0.02).normalize();
     let full = -direction.y;
     let shape = LightShape::Directional { direction, illuminance: Rgb::ONE, angle: 0.0 };
-    scene.lights.push(Light { name: "sun".into(), shape, shaping: None, gltf_node: None });
+    scene.lights.push(Light::new("sun", shape));
     let baked = bake(&scene, &atlas(2, texels), &direct_only(Quality::Draft));
     // At every x the bar covers the same width.
     let mut dark = vec![0.0f32; texels as usize];

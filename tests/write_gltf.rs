@@ -105,10 +105,11 @@ fn scene(material: Material) -> Scene {
         materials: vec![material],
         surfaces: vec![surface("left", 0), surface("right", 1)],
         lights: vec![Light {
-            name: "lamp".into(),
-            shape: LightShape::Point { position: Vec3::Y, intensity: Rgb::new(50.0, 100.0, 0.0), range: None },
-            shaping: None,
             gltf_node: Some(2),
+            ..Light::new(
+                "lamp",
+                LightShape::Point { position: Vec3::Y, intensity: Rgb::new(50.0, 100.0, 0.0), range: None },
+            )
         }],
         ..Scene::default()
     }

@@ -531,7 +531,7 @@ fn lights_are_marked_removed_or_kept() {
     let mut bake = Bake::new("lights", &lamp);
     for name in ["/World/Lamp", "/World/Left/Bulb", "/World/Gone", "not a path"] {
         let shape = LightShape::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: None };
-        bake.scene.lights.push(Light { name: name.into(), shape, shaping: None, gltf_node: None });
+        bake.scene.lights.push(Light::new(name, shape));
     }
     bake.scene.environment = Some(Environment::constant("/World/Sky", Vec3::ONE));
     let (stage, warnings) = bake.write();

@@ -142,7 +142,7 @@ impl Draw<'_> {
 
     /// Finds the points of `starts` on block `b`; on backs their normals point away from the back.
     fn place(&self, b: usize, starts: &mut [Start], scratch: &mut Scratch) {
-        let Lit { exposure, .. } = *self.lit;
+        let Lit { ground, exposure, .. } = *self.lit;
         let block = &self.blocks.list[b];
         let Scratch { cutter, footprint, members, order, ends, .. } = scratch;
         members.clear();
@@ -167,7 +167,8 @@ impl Draw<'_> {
             *end -= 1;
             order[*end as usize] = at as u32;
         }
-        let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal };
+        let surface = ground.patches.surface(self.blocks.order[block.first as usize] as usize) as u32;
+        let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal, surface };
         let side = if block.back { -1.0 } else { 1.0 };
         let mut last = None;
         for &at in order.iter() {

@@ -5,7 +5,7 @@ use super::receiver::Evenness;
 use crate::color::Rgb;
 use crate::patch::SurfacePoint;
 use crate::sample::warp::{cap, frame};
-use crate::scene::{Light, LightShape, Shaping};
+use crate::scene::{Light, LightShape, Linked, Picture, Scene};
 use crate::trace::{Ray, Segment, Tracer};
 use glam::Vec3;
 
@@ -13,7 +13,16 @@ use glam::Vec3;
 #[derive(Clone, Debug)]
 pub struct DeltaLight {
     shape: LightShape,
-    shaping: Option<Shaping>,
+    /// Its number among the scene's lights.
+    light: usize,
+    /// It shines alike in all directions, as its shape says.
+    is_plain: bool,
+    /// It throws a picture, so that its colour differs, too.
+    pub(super) is_colorful: bool,
+    /// The surfaces that it shines on.
+    lit: Linked,
+    /// Its number among [`super::Lights::shades`]; none where every surface blocks it.
+    pub shade: Option<u16>,
 }
 
 /// Light on its way to a point.
@@ -28,22 +37,32 @@ pub struct Arrival {
 }
 
 impl DeltaLight {
-    /// `None` for lights that are polygons.
-    pub fn new(light: &Light) -> Option<Self> {
+    /// Light number `number`; `None` for lights that are polygons.
+    pub fn new(number: usize, light: &Light, shade: Option<u16>) -> Option<Self> {
         let is_ours = match &light.shape {
             LightShape::Point { .. } | LightShape::Spot { .. } | LightShape::Directional { .. } => true,
             LightShape::Sphere { world_from_unit, .. } => ball(world_from_unit).is_some(),
-            LightShape::Rect { .. } | LightShape::Disk { .. } | LightShape::Cylinder { .. } => false,
+            LightShape::Rect { .. }
+            | LightShape::Disk { .. }
+            | LightShape::Cylinder { .. }
+            | LightShape::Portal { .. } => false,
         };
-        is_ours.then(|| Self { shape: light.shape.clone(), shaping: light.shaping })
+        is_ours.then(|| Self {
+            shape: light.shape.clone(),
+            light: number,
+            is_plain: light.is_plain(),
+            is_colorful: matches!(light.picture, Some(Picture::Thrown(_))),
+            lit: light.links.lit.clone(),
+            shade,
+        })
     }
 
     /// How evenly it shines on a receiver of `radius` [m] around `position`.
     pub(super) fn evenness(&self, position: Vec3, radius: f32) -> Evenness {
         match self.shape {
             LightShape::Directional { angle, .. } if angle < SMALL_SUN => Evenness::From(f32::INFINITY),
-            LightShape::Point { position: at, .. } if self.shaping.is_none() => Evenness::From(at.distance(position)),
-            LightShape::Spot { position: at, direction, inner, outer, .. } if self.shaping.is_none() => {
+            LightShape::Point { position: at, .. } if self.is_plain => Evenness::From(at.distance(position)),
+            LightShape::Spot { position: at, direction, inner, outer, .. } if self.is_plain => {
                 let way = position - at;
                 let (angle, margin) = (way.angle_between(direction), (radius / way.length()).atan());
                 let is_on_edge = angle + margin > inner && angle - margin < outer;
@@ -53,8 +72,13 @@ impl DeltaLight {
         }
     }
 
+    /// The factor on what it sends from `at` along the unit vector `direction`.
+    fn factor(&self, scene: &Scene, at: Vec3, direction: Vec3) -> Rgb {
+        if self.is_plain { Rgb::ONE } else { scene.lights[self.light].factor(scene, at, direction) }
+    }
+
     /// What arrives at `position`; `u` in the unit square picks the place on a sun's or ball's disc. `None` where nothing can.
-    pub fn arrive(&self, position: Vec3, u: [f32; 2]) -> Option<Arrival> {
+    pub fn arrive(&self, scene: &Scene, position: Vec3, u: [f32; 2]) -> Option<Arrival> {
         match &self.shape {
             LightShape::Directional { direction, illuminance, angle } => {
                 if *angle <= 0.0 {
@@ -80,14 +104,14 @@ impl DeltaLight {
                 let towards = frame(way / distance) * cap(u, 1.0 - height);
                 let along = towards.dot(way);
                 let half_chord = (radius * radius - (distance * distance - along * along)).max(0.0).sqrt();
-                let factor = self.shaping.map_or(Rgb::ONE, |s| s.factor(-towards));
+                let factor = self.factor(scene, position + towards * (along - half_chord), -towards);
                 let illuminance = *radiance * factor * (std::f32::consts::TAU * height);
                 Some(Arrival { towards, distance: along - half_chord, illuminance })
             }
             LightShape::Point { position: at, intensity, range } => {
                 let mut arrival = from_point(*at, *intensity, *range, position)?;
-                if let Some(shaping) = &self.shaping {
-                    arrival.illuminance *= shaping.factor(-arrival.towards);
+                if !self.is_plain {
+                    arrival.illuminance *= self.factor(scene, *at, -arrival.towards);
                 }
                 (arrival.illuminance.max_element() > 0.0).then_some(arrival)
             }
@@ -98,6 +122,9 @@ impl DeltaLight {
                 // KHR_lights_punctual, "Inner and Outer Cone Angles".
                 let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
                 arrival.illuminance *= ramp * ramp;
+                if !self.is_plain {
+                    arrival.illuminance *= self.factor(scene, *at, -arrival.towards);
+                }
                 (ramp > 0.0).then_some(arrival)
             }
             _ => None,
@@ -109,18 +136,22 @@ impl DeltaLight {
 const SMALL_SUN: f32 = 0.04;
 
 /// Illuminance of one delta light at one point about the geometric and the shading normal, and how it comes; `None` where the
-/// point faces away from it.
-pub fn unshadowed(light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
-    let arrival = light.arrive(point.position, u)?;
+/// point faces away from it, or the light is not linked to its surface.
+pub fn unshadowed(scene: &Scene, light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
+    if !light.lit.holds(point.surface) {
+        return None;
+    }
+    let arrival = light.arrive(scene, point.position, u)?;
     let cos = point.normal.dot(arrival.towards);
     let shading = point.shading.dot(arrival.towards).max(0.0);
     (cos > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
 }
 
-/// Whether something stands between `point` and the light that arrives there.
-pub fn is_shadowed(tracer: &Tracer, point: &SurfacePoint, arrival: &Arrival) -> bool {
+/// Whether something that `blockers` knows stands between `point` and the light that arrives there.
+pub fn is_shadowed(tracer: &Tracer, blockers: Option<&Tracer>, point: &SurfacePoint, arrival: &Arrival) -> bool {
     let from = tracer.off_surface(point.position, point.normal);
     let mut blocked = [false];
+    let Some(tracer) = blockers else { return false };
     if arrival.distance.is_finite() {
         let to = point.position + arrival.towards * arrival.distance;
         tracer.occluded(&[Segment { from, to }], &mut blocked);

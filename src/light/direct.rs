@@ -9,7 +9,7 @@ use super::emitter::{Emitter, Sight};
 use super::penumbra::Penumbra;
 use super::receiver::Site;
 use super::shadow::{Ballot, Examined, Look, Volley, examine, glance};
-use super::skylight::from_sky;
+use super::skylight::{from_sky, through_portals};
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -101,7 +101,7 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let close = Close { lit, blocks: &blocks, around: &around, progress };
     let noise = close.follow(ballots, &mut arriving)?;
     close.settle(noise, &mut arriving)?;
-    if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) {
+    if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) || !lit.lights.portals.is_empty() {
         add_sky(lit, &blocks, &mut arriving, progress)?;
     }
     let mut inflow = DVec3::ZERO;
@@ -142,7 +142,8 @@ fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     // Of the light around nothing is known.
     let look = Look { closely, around: 0.0, error: sight.params.shadow_error, most_samples: MOST_ARRIVING };
     let mut sum = examine(sight, &emitters, &site, look, &mut Volley::default()).arriving;
-    from_sky(sight, receiver, &mut sum);
+    from_sky(sight, receiver, false, &mut sum);
+    through_portals(sight, receiver, false, &mut sum);
     sum
 }
 
@@ -252,7 +253,8 @@ fn add_sky(lit: &Lit, blocks: &[Range<usize>], arriving: &mut [Arriving], progre
             Ok(at_block(lit, block, &all, |sight, _, sites| {
                 let sky = |site: &Site| {
                     let mut sum = Arriving::default();
-                    from_sky(sight, site.receiver, &mut sum);
+                    from_sky(sight, site.receiver, true, &mut sum);
+                    through_portals(sight, site.receiver, true, &mut sum);
                     sum
                 };
                 sites.iter().map(sky).collect()

@@ -47,6 +47,8 @@ pub(super) struct Shot {
     pub light: [Rgb; 2],
     /// The light comes from no surface.
     pub is_light: bool,
+    /// What blocks it: its number among [`Lights::shades`], none for every surface.
+    pub shade: Option<u16>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -116,8 +118,13 @@ impl Emitter {
         let Self::Polygon(p) = self else { return false };
         match sight.lights.polygons.polygons[p].source {
             Source::Surface { textured, .. } => textured,
-            Source::Light { shaping } => shaping.is_some(),
+            Source::Light { varied, .. } => varied,
         }
+    }
+
+    /// True where its colour differs from place to place of a receiver, as of a picture that is thrown on it.
+    pub fn is_colorful(self, sight: &Sight) -> bool {
+        matches!(self, Self::Delta(k) if sight.lights.delta[k].is_colorful)
     }
 
     /// The light of one unit of the kernel, about.
@@ -141,8 +148,9 @@ impl Emitter {
             }
             Self::Delta(k) => {
                 let light = &sight.lights.delta[k];
-                let kernel =
-                    |point: &SurfacePoint, u| unshadowed(light, point, u).map_or([0.0; 2], |(e, _)| e.map(luminance));
+                let kernel = |point: &SurfacePoint, u| {
+                    unshadowed(sight.scene, light, point, u).map_or([0.0; 2], |(e, _)| e.map(luminance))
+                };
                 Some(site.mean(light.evenness(site.receiver.position, site.receiver.radius), kernel))
             }
         }
@@ -157,7 +165,12 @@ impl Emitter {
             let kernel = [link.transport * area, link.shown * area];
             let radiance = polygon.radiance_towards(scene, to, -link.towards);
             let is_light = matches!(polygon.source, Source::Light { .. });
-            let shot = Shot { way: Way::To(link.segment), kernel, light: kernel.map(|k| radiance * k), is_light };
+            let way = if polygon.is_portal() {
+                Way::Along(Ray { origin: link.segment.from, direction: link.towards })
+            } else {
+                Way::To(link.segment)
+            };
+            let shot = Shot { way, kernel, light: kernel.map(|k| radiance * k), is_light, shade: polygon.shade };
             (link.transport > 0.0).then_some(shot)
         };
         match self {
@@ -172,14 +185,15 @@ impl Emitter {
                 to_polygon(polygon, polygon.sample([s, t]), polygon.area / probability)
             }
             Self::Delta(k) => {
-                let (light, arrival) = unshadowed(&lights.delta[k], point, [s, t])?;
+                let delta = &lights.delta[k];
+                let (light, arrival) = unshadowed(scene, delta, point, [s, t])?;
                 let from = tracer.off_surface(point.position, point.normal);
                 let way = if arrival.distance.is_finite() {
                     Way::To(Segment { from, to: point.position + arrival.towards * arrival.distance })
                 } else {
                     Way::Along(Ray { origin: from, direction: arrival.towards })
                 };
-                Some(Shot { way, kernel: light.map(luminance), light, is_light: true })
+                Some(Shot { way, kernel: light.map(luminance), light, is_light: true, shade: delta.shade })
             }
         }
     }
@@ -187,7 +201,7 @@ impl Emitter {
 
 /// pi times the form factor of a polygon about the geometric and the shading normal of a point.
 fn form_factors(tracer: &Tracer, polygon: &Polygon, point: &SurfacePoint, shading_normals: bool) -> [f32; 2] {
-    if !polygon.faces(point.position, tracer.offset()) {
+    if !polygon.lit.holds(point.surface) || !polygon.faces(point.position, tracer.offset()) {
         return [0.0; 2];
     }
     let f = PI * point_to_polygon(point.position, point.normal, &polygon.corners);
@@ -210,13 +224,13 @@ pub struct Link {
     pub shown: f32,
 }
 
-/// The link to the point `to` of a polygon, for each unit of area there.
+/// The link to the point `to` of a polygon, for each unit of area there; nothing goes to a surface that it is not linked to.
 pub fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) -> Link {
     let way = to - point.position;
     let square = way.length_squared().max(f32::MIN_POSITIVE);
     let towards = way / square.sqrt();
     let (cos, leaving) = (point.normal.dot(towards).max(0.0), polygon.cosine(-towards));
-    let kernel = leaving / square;
+    let kernel = if polygon.lit.holds(point.surface) { leaving / square } else { 0.0 };
     // The far end is moved off the emitter to the side that the receiver sees.
     let side = if polygon.normal.dot(towards) <= 0.0 { polygon.normal } else { -polygon.normal };
     Link {

@@ -2,11 +2,12 @@
 //!
 //! Disks are 32-gons, ellipsoids geodesic and cylinders prismatic, each scaled so that its area, and with it its power, is exact.
 
+use super::picture_cells::cells;
 use crate::color::Rgb;
 use crate::contour::above_horizon;
 use crate::patch::reflectance::emission_at;
 use crate::sample::warp::triangle;
-use crate::scene::{LightShape, Scene, Shaping};
+use crate::scene::{Light, LightShape, Linked, Picture, Scene};
 use glam::{Affine3A, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
@@ -26,6 +27,10 @@ pub struct Polygon {
     pub radiance: Rgb,
     pub two_sided: bool,
     pub source: Source,
+    /// The surfaces that it shines on.
+    pub lit: Linked,
+    /// Its number among [`super::Lights::shades`]; none where every surface blocks it.
+    pub shade: Option<u16>,
 }
 
 /// What the polygon belongs to.
@@ -33,8 +38,9 @@ pub struct Polygon {
 pub enum Source {
     /// An emissive triangle; `textured` where its radiance varies over it.
     Surface { surface: usize, triangle: usize, textured: bool },
-    /// A light that is no surface.
-    Light { shaping: Option<Shaping> },
+    /// A light that is no surface, by its number; `varied` where its radiance differs over it or by direction, `portal` where it
+    /// is a portal to the sky.
+    Light { light: usize, varied: bool, portal: bool },
 }
 
 /// Corners of a disk light's polygon.
@@ -44,8 +50,8 @@ const CYLINDER_SIDES: usize = 24;
 /// Subdivisions of a sphere light's octahedron: 512 triangles.
 const SPHERE_LEVELS: u32 = 3;
 
-/// All polygons of `scene` that shine.
-pub fn polygons(scene: &Scene) -> Vec<Polygon> {
+/// All polygons of `scene` that shine. `shade` tells a light's number among those that only some surfaces block.
+pub fn polygons(scene: &Scene, shade: impl Fn(&Light) -> Option<u16>) -> Vec<Polygon> {
     let mut all = Vec::new();
     for (s, placed) in scene.surfaces.iter().enumerate() {
         let mesh = &scene.meshes[placed.mesh];
@@ -60,12 +66,26 @@ pub fn polygons(scene: &Scene) -> Vec<Polygon> {
             all.extend(Polygon::new(scene.world_triangle(s, t).to_vec(), radiance, material.double_sided, source));
         }
     }
-    for light in &scene.lights {
-        let source = || Source::Light { shaping: light.shaping };
-        let mut push = |corners: Vec<Vec3>, radiance: Rgb| all.extend(Polygon::new(corners, radiance, false, source()));
+    for (l, light) in scene.lights.iter().enumerate() {
+        let shade = shade(light);
+        let portal = matches!(light.shape, LightShape::Portal { .. });
+        let mut push = |corners: Vec<Vec3>, radiance: Rgb| {
+            let source = Source::Light { light: l, varied: !light.is_plain(), portal };
+            let polygon = Polygon::new(corners, radiance, false, source);
+            all.extend(polygon.map(|polygon| Polygon { lit: light.links.lit.clone(), shade, ..polygon }));
+        };
         match &light.shape {
-            LightShape::Rect { center, u, v, radiance } => {
-                push(vec![*center - *u - *v, *center - *u + *v, *center + *u + *v, *center + *u - *v], *radiance);
+            LightShape::Rect { center, u, v, radiance } => match light.picture {
+                Some(Picture::OnLight(texture)) => {
+                    for cell in cells(&scene.textures[texture]) {
+                        let mean = *radiance * cell.mean;
+                        push(cell.corners(light, *center, *u, *v), mean);
+                    }
+                }
+                _ => push(parallelogram(*center, *u, *v), *radiance),
+            },
+            LightShape::Portal { center, u, v, sky } if sky.is_constant() => {
+                push(parallelogram(*center, *u, *v), sky.radiance_from(scene, Vec3::Y));
             }
             LightShape::Disk { center, u, v, radiance } => {
                 // Area of the n-gon inside the unit circle against the circle's.
@@ -89,12 +109,18 @@ pub fn polygons(scene: &Scene) -> Vec<Polygon> {
                 }
             }
             LightShape::Sphere { .. }
+            | LightShape::Portal { .. }
             | LightShape::Point { .. }
             | LightShape::Spot { .. }
             | LightShape::Directional { .. } => {}
         }
     }
     all
+}
+
+/// The corners of a rect light or portal: it shines along -(u x v).
+fn parallelogram(center: Vec3, u: Vec3, v: Vec3) -> Vec<Vec3> {
+    vec![center - u - v, center - u + v, center + u + v, center + u - v]
 }
 
 impl Polygon {
@@ -106,7 +132,18 @@ impl Polygon {
         let centre = corners.iter().sum::<Vec3>() / corners.len() as f32;
         let shines = area > 0.0 && area.is_finite() && radiance.max_element() > 0.0;
         let radius = corners.iter().map(|c| c.distance(centre)).fold(0.0, f32::max);
-        shines.then(|| Self { corners, centre, normal: twice.normalize(), radius, area, radiance, two_sided, source })
+        shines.then(|| Self {
+            corners,
+            centre,
+            normal: twice.normalize(),
+            radius,
+            area,
+            radiance,
+            two_sided,
+            source,
+            lit: Linked::All,
+            shade: None,
+        })
     }
 
     /// A point uniform over the area.
@@ -145,9 +182,21 @@ impl Polygon {
                 let mesh = &scene.meshes[scene.surfaces[*surface].mesh];
                 emission_at(scene, mesh, *triangle, self.weights(scene, *surface, at))
             }
-            Source::Light { shaping: Some(shaping) } => self.radiance * shaping.factor(direction),
+            Source::Light { light, varied: true, .. } => {
+                let light = &scene.lights[*light];
+                let radiance = match &light.shape {
+                    LightShape::Rect { radiance, .. } => *radiance,
+                    _ => self.radiance,
+                };
+                radiance * light.factor(scene, at, direction)
+            }
             _ => self.radiance,
         }
+    }
+
+    /// True where its light comes from beyond it, from the sky.
+    pub fn is_portal(&self) -> bool {
+        matches!(self.source, Source::Light { portal: true, .. })
     }
 
     /// Weights of corners 1 and 2 (mesh order) of a triangle's point.
@@ -259,14 +308,16 @@ mod tests {
         let place = Affine3A::from_translation(Vec3::new(1.0, 2.0, 3.0)) * Affine3A::from_scale(Vec3::splat(0.5));
         let mut area = 0.0;
         for t in sphere(place) {
-            let p = Polygon::new(t.to_vec(), Rgb::ONE, false, Source::Light { shaping: None }).unwrap();
+            let p = Polygon::new(t.to_vec(), Rgb::ONE, false, Source::Light { light: 0, varied: false, portal: false })
+                .unwrap();
             assert!(p.normal.dot(p.centre - Vec3::new(1.0, 2.0, 3.0)) > 0.0);
             area += p.area;
         }
         assert!((area - 4.0 * PI * 0.25).abs() < 1e-3, "{area}");
         let mut area = 0.0;
         for q in cylinder(place) {
-            let p = Polygon::new(q.to_vec(), Rgb::ONE, false, Source::Light { shaping: None }).unwrap();
+            let p = Polygon::new(q.to_vec(), Rgb::ONE, false, Source::Light { light: 0, varied: false, portal: false })
+                .unwrap();
             let out = p.centre - Vec3::new(1.0, 2.0, 3.0);
             assert!(p.normal.dot(Vec3::new(0.0, out.y, out.z)) > 0.0);
             area += p.area;

@@ -60,6 +60,8 @@ pub(super) struct Volley {
     segments: Vec<Segment>,
     rays: Vec<Ray>,
     blocked: Vec<bool>,
+    /// Some are blocked by some surfaces alone.
+    is_linked: bool,
 }
 
 impl Volley {
@@ -68,6 +70,7 @@ impl Volley {
             Way::To(segment) => self.segments.push(segment),
             Way::Along(ray) => self.rays.push(ray),
         }
+        self.is_linked |= shot.shade.is_some();
         self.shots.push(shot);
     }
 
@@ -75,18 +78,34 @@ impl Volley {
         self.shots.clear();
         self.segments.clear();
         self.rays.clear();
+        self.is_linked = false;
     }
 
-    fn fire(&mut self, tracer: &Tracer) {
-        debug_assert!(self.segments.is_empty() || self.rays.is_empty(), "one emitter is near or far");
+    fn fire(&mut self, sight: &Sight) {
         self.blocked.clear();
         self.blocked.resize(self.shots.len(), false);
-        if self.rays.is_empty() {
-            tracer.occluded(&self.segments, &mut self.blocked);
+        if self.is_linked || !(self.segments.is_empty() || self.rays.is_empty()) {
+            // A cluster may hold portals beside lamps, and lamps that are linked beside others.
+            for (shot, blocked) in self.shots.iter().zip(&mut self.blocked) {
+                *blocked = is_blocked(shot, sight.lights.tracer(sight.tracer, shot.shade));
+            }
+        } else if self.rays.is_empty() {
+            sight.tracer.occluded(&self.segments, &mut self.blocked);
         } else {
-            tracer.occluded_rays(&self.rays, &mut self.blocked);
+            sight.tracer.occluded_rays(&self.rays, &mut self.blocked);
         }
     }
+}
+
+/// Whether a shot meets anything that `tracer` knows; without one nothing is in its way.
+fn is_blocked(shot: &Shot, tracer: Option<&Tracer>) -> bool {
+    let mut blocked = [false];
+    match (tracer, shot.way) {
+        (None, _) => {}
+        (Some(tracer), Way::To(segment)) => tracer.occluded(&[segment], &mut blocked),
+        (Some(tracer), Way::Along(ray)) => tracer.occluded_rays(&[ray], &mut blocked),
+    }
+    blocked[0]
 }
 
 /// Sums over the samples of one emitter at one receiver.
@@ -194,7 +213,7 @@ pub(super) fn glance(
                 ends.push((k, unoccluded, volley.shots.len()));
             }
         }
-        volley.fire(sight.tracer);
+        volley.fire(sight);
         let mut start = 0;
         for &(k, unoccluded, end) in &ends {
             let mut tally = Tally { count, ..Tally::default() };
@@ -214,6 +233,8 @@ fn first_samples(sight: &Sight, emitter: Emitter) -> (u32, u32) {
     match emitter {
         Emitter::Cluster(_, samples) => (emitter.set(), samples),
         _ if emitter.is_varied(sight) => (emitter.set(), sight.params.cluster_samples),
+        // The points of the first set are those that the unoccluded light is averaged over: colours agree with it.
+        _ if emitter.is_colorful(sight) => (0, sight.params.cluster_samples),
         _ => (0, sight.params.first_samples),
     }
 }
@@ -248,12 +269,17 @@ pub(super) fn examine(sight: &Sight, emitters: &[Emitter], site: &Site, look: Lo
         }
         let light = light(emitter, unoccluded);
         let is_close = look.closely & emitter.bit() != 0;
-        let (set, mut count) = if is_close { (emitter.set(), CLOSE_SAMPLES) } else { first_samples(sight, emitter) };
+        let (first_set, first) = first_samples(sight, emitter);
+        let (set, mut count) = match is_close {
+            true if emitter.is_colorful(sight) => (first_set, first.max(CLOSE_SAMPLES)),
+            true => (emitter.set(), CLOSE_SAMPLES),
+            false => (first_set, first),
+        };
         let mut tally = Tally::default();
         while count > tally.count {
             volley.clear();
             aim(sight, emitter, site, set, tally.count..count, volley);
-            volley.fire(sight.tracer);
+            volley.fire(sight);
             for (shot, blocked) in volley.shots.iter().zip(&volley.blocked) {
                 tally.add(shot, *blocked);
             }

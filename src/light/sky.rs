@@ -5,88 +5,121 @@
 
 use crate::color::{Rgb, luminance};
 use crate::sample::Discrete;
-use crate::scene::{Environment, Scene, Texture, Wrap};
+use crate::scene::environment::WRAP;
+use crate::scene::{Environment, Scene, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
 /// Cells of the brightness table, at most, along the equator and from pole to pole.
 const TABLE: [u32; 2] = [512, 256];
 
-/// A latlong picture closes around the horizon and ends at the poles.
-const WRAP: [Wrap; 2] = [Wrap::Repeat, Wrap::Clamp];
-
 /// The sky of a scene, ready to be sampled.
 pub struct Sky {
     environment: Environment,
-    table: Option<Table>,
+    /// One for each sky with a picture.
+    tables: Vec<Table>,
+    /// The choice among several tables, by their power.
+    choice: Option<Discrete>,
 }
 
 /// Cells of equal angles, chosen by brightness times solid angle.
 struct Table {
+    /// Whose picture it is of, in the order of [`Environment::each`].
+    sky: usize,
     size: [u32; 2],
-    cells: Discrete,
+    /// The choice of a row, and of a cell in it: two numbers that are spread evenly over the square are spread evenly over the
+    /// brightness. None where a row is black.
+    rows: Discrete,
+    cells: Vec<Option<Discrete>>,
 }
 
 impl Sky {
     /// Prepares `environment`; a picture's brightness is tabulated.
     pub fn new(scene: &Scene, environment: &Environment) -> Self {
-        let table = environment.texture.and_then(|t| {
-            let picture = &scene.textures[t];
-            let size = [TABLE[0].min(picture.width), TABLE[1].min(picture.height)];
-            let weights = (0..size[0] * size[1]).map(|i| {
-                let (x, y) = (i % size[0], i / size[0]);
-                let mut sum = 0.0f64;
-                let rows = span(y, size[1], picture.height);
-                for py in rows.clone() {
-                    for px in span(x, size[0], picture.width) {
-                        sum += brightness(picture, px, py);
-                    }
-                }
-                let sin = (PI * (y as f32 + 0.5) / size[1] as f32).sin();
-                let count = rows.len() as f64 * span(x, size[0], picture.width).len() as f64;
-                sum / count.max(1.0) * f64::from(sin)
-            });
-            Discrete::new(weights).map(|cells| Table { size, cells })
-        });
-        Self { environment: environment.clone(), table }
+        let tables: Vec<Table> =
+            environment.each().enumerate().filter_map(|(k, sky)| Table::new(scene, k, sky)).collect();
+        let power = |table: &Table| {
+            let factor = environment.each().nth(table.sky).map_or(0.0, |sky| luminance(sky.radiance));
+            f64::from(factor) * table.rows.total() / f64::from(table.size[0] * table.size[1])
+        };
+        let choice = if tables.len() > 1 { Discrete::new(tables.iter().map(power)) } else { None };
+        Self { environment: environment.clone(), tables, choice }
     }
 
     /// Radiance from the unit direction `d` [nit].
     pub fn radiance(&self, scene: &Scene, d: Vec3) -> Rgb {
-        match self.environment.texture {
-            Some(t) => {
-                let texel = scene.textures[t].sample(self.environment.uv(d), WRAP).truncate();
-                (self.environment.radiance * texel).max(Rgb::ZERO)
-            }
-            None => self.environment.radiance,
-        }
+        self.environment.radiance_from(scene, d)
     }
 
     /// True where brightness is worth sampling.
     pub fn has_picture(&self) -> bool {
-        self.table.is_some()
+        !self.tables.is_empty()
     }
 
-    /// A direction in proportion to brightness, and its density [1/sr].
-    pub fn sample(&self, u: [f32; 4]) -> Option<(Vec3, f32)> {
-        let table = self.table.as_ref()?;
-        let (cell, _) = table.cells.sample(u[0]);
-        let (x, y) = (cell as u32 % table.size[0], cell as u32 / table.size[0]);
-        let at = Vec2::new((x as f32 + u[1]) / table.size[0] as f32, (y as f32 + u[2]) / table.size[1] as f32);
-        let d = self.environment.direction(at);
+    /// A direction in proportion to brightness, and its density [1/sr]; the third number chooses among several pictures.
+    pub fn sample(&self, u: [f32; 3]) -> Option<(Vec3, f32)> {
+        let k = self.choice.as_ref().map_or(0, |choice| choice.sample(u[2]).0);
+        let table = self.tables.get(k)?;
+        let d = table.sample(self.environment.each().nth(table.sky)?, [u[0], u[1]])?;
         let pdf = self.pdf(d);
         (pdf > 0.0).then_some((d, pdf))
     }
 
     /// Density [1/sr] of [`sample`](Self::sample) at the unit direction `d`; 0 for a constant sky.
     pub fn pdf(&self, d: Vec3) -> f32 {
-        let Some(table) = &self.table else { return 0.0 };
-        let uv = self.environment.uv(d);
-        let x = ((uv.x.rem_euclid(1.0) * table.size[0] as f32) as u32).min(table.size[0] - 1);
-        let y = ((uv.y * table.size[1] as f32) as u32).min(table.size[1] - 1);
-        let probability = table.cells.pdf((y * table.size[0] + x) as usize) as f32;
+        match (&self.tables[..], &self.choice) {
+            ([], _) => 0.0,
+            ([table], None) => self.environment.each().nth(table.sky).map_or(0.0, |sky| table.pdf(sky, d)),
+            (tables, choice) => {
+                let part = |(k, (table, sky)): (usize, (&Table, &Environment))| {
+                    choice.as_ref().map_or(0.0, |choice| choice.pdf(k) as f32) * table.pdf(sky, d)
+                };
+                let skies = tables.iter().filter_map(|table| Some((table, self.environment.each().nth(table.sky)?)));
+                skies.enumerate().map(part).sum()
+            }
+        }
+    }
+}
+
+impl Table {
+    /// The table of the picture of `sky`, number `number`; `None` where there is none, or it is black.
+    fn new(scene: &Scene, number: usize, sky: &Environment) -> Option<Self> {
+        let picture = &scene.textures[sky.texture?];
+        let size = [TABLE[0].min(picture.width), TABLE[1].min(picture.height)];
+        let weight = |x: u32, y: u32| {
+            let mut sum = 0.0f64;
+            let rows = span(y, size[1], picture.height);
+            for py in rows.clone() {
+                for px in span(x, size[0], picture.width) {
+                    sum += brightness(picture, px, py);
+                }
+            }
+            let sin = (PI * (y as f32 + 0.5) / size[1] as f32).sin();
+            let count = rows.len() as f64 * span(x, size[0], picture.width).len() as f64;
+            sum / count.max(1.0) * f64::from(sin)
+        };
+        let cells: Vec<Option<Discrete>> =
+            (0..size[1]).map(|y| Discrete::new((0..size[0]).map(|x| weight(x, y)))).collect();
+        let rows = Discrete::new(cells.iter().map(|row| row.as_ref().map_or(0.0, Discrete::total)))?;
+        Some(Self { sky: number, size, rows, cells })
+    }
+
+    /// A direction of its picture.
+    fn sample(&self, sky: &Environment, u: [f32; 2]) -> Option<Vec3> {
+        let (y, v) = self.rows.sample(u[0]);
+        let (x, u) = self.cells[y].as_ref()?.sample(u[1]);
+        Some(sky.direction(Vec2::new((x as f32 + u) / self.size[0] as f32, (y as f32 + v) / self.size[1] as f32)))
+    }
+
+    /// Density [1/sr] of [`sample`](Self::sample).
+    fn pdf(&self, sky: &Environment, d: Vec3) -> f32 {
+        let uv = sky.uv(d);
+        let x = ((uv.x.rem_euclid(1.0) * self.size[0] as f32) as u32).min(self.size[0] - 1);
+        let y = ((uv.y * self.size[1] as f32) as u32).min(self.size[1] - 1);
+        let cell = self.cells[y as usize].as_ref().map_or(0.0, |row| row.pdf(x as usize));
+        let probability = (self.rows.pdf(y as usize) * cell) as f32;
         let sin = (PI * uv.y).sin().max(1e-6);
-        probability * (table.size[0] * table.size[1]) as f32 / (TAU * PI * sin)
+        probability * (self.size[0] * self.size[1]) as f32 / (TAU * PI * sin)
     }
 }
 

@@ -1,8 +1,11 @@
 //! Files to a [`Scene`]: glTF and USD readers, images, units. Third-party formats end here.
 
 pub mod gltf;
+pub mod ies;
 pub mod image;
 pub mod options;
+pub mod projector;
+pub mod sky_layout;
 pub mod units;
 pub mod usd;
 

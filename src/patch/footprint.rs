@@ -15,11 +15,14 @@ pub struct SurfacePoint {
     pub normal: Vec3,
     /// The interpolated normal where the mesh has normals, else the triangle's; unit, on the front's side.
     pub shading: Vec3,
+    /// The surface that it lies on.
+    pub surface: u32,
 }
 
 impl SurfacePoint {
     /// A point that is none.
-    pub const NOWHERE: Self = Self { position: Vec3::ZERO, normal: Vec3::ZERO, shading: Vec3::ZERO };
+    pub const NOWHERE: Self =
+        Self { position: Vec3::ZERO, normal: Vec3::ZERO, shading: Vec3::ZERO, surface: super::NONE };
 }
 
 /// A placed triangle, ready to be evaluated.
@@ -240,6 +243,7 @@ impl Facet {
             position: self.origin + self.edges[0] * at.x + self.edges[1] * at.y,
             normal: self.normal,
             shading: shading.unwrap_or(self.normal),
+            surface: self.surface as u32,
         }
     }
 }

@@ -8,7 +8,7 @@
 use super::Strategy;
 use crate::color::{Rgb, luminance};
 use crate::light::Lights;
-use crate::light::delta::{is_shadowed, unshadowed};
+use crate::light::delta::{Arrival, is_shadowed, unshadowed};
 use crate::light::emitter::link;
 use crate::light::polygon::{Polygon, Source};
 use crate::light::tree::Viewpoint;
@@ -75,6 +75,7 @@ impl<'a> Emitters<'a> {
         self.sample_polygon(point, draw.polygon, &mut lit);
         self.sample_delta(point, draw.delta, draw.disc, &mut lit);
         self.sample_sky(point, draw.sky, &mut lit);
+        self.sample_portals(point, draw.sky, draw.delta, &mut lit);
         lit
     }
 
@@ -101,7 +102,14 @@ impl<'a> Emitters<'a> {
         }
         lit.rays += 1;
         let mut blocked = [false];
-        self.ground.tracer.occluded(&[link.segment], &mut blocked);
+        if let Some(tracer) = self.lights.tracer(self.ground.tracer, polygon.shade) {
+            if polygon.is_portal() {
+                let ray = Ray { origin: link.segment.from, direction: link.towards };
+                tracer.occluded_rays(&[ray], &mut blocked);
+            } else {
+                tracer.occluded(&[link.segment], &mut blocked);
+            }
+        }
         if !blocked[0] {
             let radiance = polygon.radiance_towards(self.ground.scene, to, -link.towards);
             lit.add(radiance * (link.shown * weight / density), is_surface);
@@ -113,7 +121,7 @@ impl<'a> Emitters<'a> {
     fn sample_delta(&self, point: &SurfacePoint, mut u: f32, disc: [f32; 2], lit: &mut Lit) {
         let (mut total, mut drawn) = (0.0f32, None);
         for light in &self.lights.delta {
-            let Some(([_, shown], arrival)) = unshadowed(light, point, disc) else { continue };
+            let Some(([_, shown], arrival)) = unshadowed(self.ground.scene, light, point, disc) else { continue };
             let weight = luminance(shown);
             if weight <= 0.0 {
                 continue;
@@ -122,22 +130,23 @@ impl<'a> Emitters<'a> {
             total += weight;
             let share = weight / total;
             if u < share {
-                drawn = Some((shown / weight, arrival));
+                drawn = Some((shown / weight, arrival, light.shade));
                 u /= share;
             } else {
                 u = (u - share) / (1.0 - share);
             }
         }
-        let Some((color, arrival)) = drawn else { return };
+        let Some((color, arrival, shade)) = drawn else { return };
         lit.rays += 1;
-        if !is_shadowed(self.ground.tracer, point, &arrival) {
+        let blockers = self.lights.tracer(self.ground.tracer, shade);
+        if !is_shadowed(self.ground.tracer, blockers, point, &arrival) {
             lit.add(color * total, false);
         }
     }
 
     fn sample_sky(&self, point: &SurfacePoint, u: [f32; 3], lit: &mut Lit) {
         let Some(sky) = self.lights.sky.as_ref().filter(|s| s.has_picture()) else { return };
-        let Some((towards, pdf)) = sky.sample([u[0], u[1], u[2], 0.0]) else { return };
+        let Some((towards, pdf)) = sky.sample(u) else { return };
         let cos = point.shading.dot(towards);
         if cos <= 0.0 || point.normal.dot(towards) <= 0.0 {
             return;
@@ -152,6 +161,24 @@ impl<'a> Emitters<'a> {
         self.ground.tracer.occluded_rays(&[Ray { origin, direction: towards }], &mut blocked);
         if !blocked[0] {
             lit.add(sky.radiance(self.ground.scene, towards) * (cos * weight / pdf), false);
+        }
+    }
+
+    /// One direction through each portal to a sky with a picture, by brightness or over the portal as `choice` says.
+    fn sample_portals(&self, point: &SurfacePoint, [u, v, _]: [f32; 3], choice: f32, lit: &mut Lit) {
+        for portal in &self.lights.portals {
+            let Some(drawn) = portal.sample(point, [u, v], choice < 0.5) else { continue };
+            let cos = point.shading.dot(drawn.towards);
+            if cos <= 0.0 || point.normal.dot(drawn.towards) <= 0.0 {
+                continue;
+            }
+            lit.rays += 1;
+            let arrival = Arrival { towards: drawn.towards, distance: f32::INFINITY, illuminance: Rgb::ZERO };
+            let blockers = self.lights.tracer(self.ground.tracer, portal.shade());
+            if !is_shadowed(self.ground.tracer, blockers, point, &arrival) {
+                let radiance = drawn.sky.radiance(self.ground.scene, drawn.towards);
+                lit.add(radiance * (2.0 * cos * drawn.weight), false);
+            }
         }
     }
 

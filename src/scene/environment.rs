@@ -1,9 +1,13 @@
 //! Light from infinitely far away in every direction: the sky.
 
+use super::{Scene, Wrap};
 use crate::color::Rgb;
 use glam::{Mat3, Vec3};
 
-/// A constant sky, or one with a latlong picture.
+/// A latlong picture closes around the horizon and ends at the poles.
+pub const WRAP: [Wrap; 2] = [Wrap::Repeat, Wrap::Clamp];
+
+/// A constant sky, or one with a latlong picture; and others, whose light adds to it.
 #[derive(Clone, Debug)]
 pub struct Environment {
     /// The source path or flag, for messages.
@@ -15,12 +19,40 @@ pub struct Environment {
     pub texture: Option<usize>,
     /// World directions from the sky's own frame (a rotation).
     pub world_from_sky: Mat3,
+    /// Further skies, none of which has others of its own.
+    pub others: Vec<Environment>,
 }
 
 impl Environment {
     /// A constant sky of `radiance` [nit].
     pub fn constant(name: impl Into<String>, radiance: Rgb) -> Self {
-        Self { name: name.into(), radiance, texture: None, world_from_sky: Mat3::IDENTITY }
+        Self { name: name.into(), radiance, texture: None, world_from_sky: Mat3::IDENTITY, others: Vec::new() }
+    }
+
+    /// True where it is the same in every direction.
+    pub fn is_constant(&self) -> bool {
+        self.texture.is_none() && self.others.iter().all(Self::is_constant)
+    }
+
+    /// This sky and the others, in order.
+    pub fn each(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(&self.others)
+    }
+
+    /// Radiance from the unit direction `d` [nit], without the others.
+    pub fn own_radiance(&self, scene: &Scene, d: Vec3) -> Rgb {
+        match self.texture {
+            Some(t) => {
+                let texel = scene.textures[t].sample(self.uv(d), WRAP).truncate();
+                (self.radiance * texel).max(Rgb::ZERO)
+            }
+            None => self.radiance,
+        }
+    }
+
+    /// Radiance from the unit direction `d` [nit], the others included.
+    pub fn radiance_from(&self, scene: &Scene, d: Vec3) -> Rgb {
+        self.others.iter().fold(self.own_radiance(scene, d), |sum, sky| sum + sky.own_radiance(scene, d))
     }
 
     /// Texture coordinates (v down) of the world direction `d` (unit): u = 0.5 looks along +Z, u = 0.75 along -X, as

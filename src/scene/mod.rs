@@ -3,18 +3,25 @@
 //! Loaders make a [`Scene`], [`validate`](validate::validate) checks its postconditions, and every later stage relies on
 //! them: all indices are in range, all numbers finite, no triangle is degenerate in its mesh's space.
 
+pub mod clear_sky;
 pub mod environment;
 pub mod light;
+pub mod link;
 pub mod material;
 pub mod mesh;
+pub mod projector;
 pub mod texture;
 pub mod validate;
+pub mod web;
 
 pub use environment::Environment;
 pub use light::{Light, LightShape, Shaping};
+pub use link::{Linked, Links};
 pub use material::{Alpha, Material, TextureSlot};
 pub use mesh::{Mesh, TriangleOrigin, UvSet};
+pub use projector::{Picture, Projector};
 pub use texture::{Texels, Texture, Wrap};
+pub use web::{PhotometricWeb, Profile};
 
 use glam::{Affine3A, Vec3};
 

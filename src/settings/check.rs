@@ -50,12 +50,7 @@ impl Settings {
         if self.sky.is_some() && self.environment.is_some() {
             return Err(Error::invalid("sky", "is given together with environment; leave one out"));
         }
-        if let Some(sky) = self.sky
-            && sky.iter().any(|v| !v.is_finite() || *v < 0.0)
-        {
-            return Err(Error::invalid("sky", "radiance must be finite and not negative [nit]"));
-        }
-        Ok(())
+        super::outdoors::check(self.sky, self.sun, &self.projectors)
     }
 
     fn check_layers(&self) -> Result<()> {

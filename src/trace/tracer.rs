@@ -20,9 +20,17 @@ pub struct Triangles {
 impl Triangles {
     /// Numbers the triangles of `scene`.
     pub fn new(scene: &Scene) -> Self {
+        Self::of(scene, |_| true)
+    }
+
+    /// Numbers those of the surfaces that `keep` holds.
+    fn of(scene: &Scene, keep: impl Fn(usize) -> bool) -> Self {
         let (mut first, mut surface) = (Vec::with_capacity(scene.surfaces.len()), Vec::new());
         for (s, placed) in scene.surfaces.iter().enumerate() {
             first.push(surface.len() as u32);
+            if !keep(s) {
+                continue;
+            }
             surface.resize(surface.len() + scene.meshes[placed.mesh].triangles.len(), s as u32);
         }
         Self { first, surface }
@@ -61,6 +69,11 @@ impl Tracer {
     /// Builds the BVH over the surfaces of `scene`. Cost: about a second a million triangles.
     pub fn new(scene: &Scene) -> Self {
         Self::with(scene, Triangles::new(scene))
+    }
+
+    /// The same over those surfaces alone, by index, that `keep` holds; at least one of them has triangles.
+    pub fn of(scene: &Scene, keep: impl Fn(usize) -> bool) -> Self {
+        Self::with(scene, Triangles::of(scene, keep))
     }
 
     /// The same over triangles that are numbered already.

@@ -250,7 +250,7 @@ impl Elements {
         }
         let mut point = if footprint.is_empty() {
             let (position, normal) = (ground.patches.position[patch], ground.patches.normal[patch]);
-            SurfacePoint { position, normal, shading: normal }
+            SurfacePoint { position, normal, shading: normal, surface: ground.patches.surface(patch) }
         } else {
             footprint.sample([x, y])
         };

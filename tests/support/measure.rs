@@ -29,7 +29,7 @@ impl Case {
     }
 
     pub fn light(mut self, shape: LightShape) -> Self {
-        self.scene.lights.push(Light { name: "lamp".into(), shape, shaping: None, gltf_node: None });
+        self.scene.lights.push(Light::new("lamp", shape));
         self
     }
 

@@ -5,6 +5,7 @@ use serde_json::Value;
 
 /// Read by this loader.
 const READ: &[&str] = &[
+    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",

@@ -25,7 +25,9 @@ pub(super) fn lights(document: &Document, nodes: &[PlacedNode], warnings: &mut W
         })?;
         let light: punctual::Light = document.parse(light, "nodes", node.index)?;
         if let Some(shape) = shape(&light, node, warnings) {
-            lights.push(Light { name: node.name.clone(), shape, shaping: None, gltf_node: Some(node.index) });
+            let light = Light::new(&node.name, shape);
+            let world_from_light = super::profile::axes(node).unwrap_or(light.world_from_light);
+            lights.push(Light { world_from_light, gltf_node: Some(node.index), ..light });
         }
     }
     Ok(lights)

@@ -5,7 +5,7 @@
 //! count checked before memory is taken.
 //!
 //! What is read: node trees, triangles of every kind, sparse and quantized accessors, base colour and emission with
-//! their textures, lights, instances. Limits: skins and morph targets stay in their bind pose, Draco and meshopt
+//! their textures, lights, light profiles, projectors, instances. Limits: skins and morph targets stay in their bind pose, Draco and meshopt
 //! compression are refused; each is said.
 
 mod accessor;
@@ -15,6 +15,8 @@ mod light;
 mod material;
 mod mesh;
 mod node;
+mod profile;
+mod projector;
 mod texture;
 pub(crate) mod uri;
 
@@ -47,7 +49,9 @@ pub fn load(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
     let mut warnings = Warnings::default();
     let mut document = Document::open(path, &mut warnings)?;
     let nodes = node::flatten(&document, &mut warnings)?;
-    let lights = light::lights(&document, &nodes, &mut warnings)?;
+    let mut lights = light::lights(&document, &nodes, &mut warnings)?;
+    let profiles = profile::lights(&document, &nodes, &mut lights, &mut warnings)?;
+    document.inputs.extend(profiles);
     let mut meshes = mesh::MeshReader::new(&document);
     let mut surfaces = Vec::new();
     for node in &nodes {
@@ -60,7 +64,9 @@ pub fn load(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
     let meshes = meshes.into_meshes();
     let (materials, textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
     document.inputs.extend(pictures);
-    let scene = Scene { meshes, materials, textures, surfaces, lights, environment: None };
+    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment: None };
+    let slides = projector::read(&document, &mut scene, &mut warnings)?;
+    document.inputs.extend(slides);
     let Document { path, json, buffers, inputs, .. } = document;
     Ok(Loaded { scene, source: Source::Gltf(GltfSource { path, json, buffers }), inputs, warnings })
 }

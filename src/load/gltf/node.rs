@@ -15,7 +15,7 @@ use std::collections::{HashMap, HashSet};
 /// Names kept of a deeper path; a chain of a hundred thousand nodes would else take gigabytes of names.
 const MAX_NAMES: usize = 256;
 
-/// A node of the scene that holds a mesh or a light.
+/// A node of the scene that holds a mesh, a light or a light profile.
 pub(super) struct PlacedNode {
     /// Index into the document's nodes.
     pub index: usize,
@@ -101,7 +101,8 @@ pub(super) fn flatten(document: &Document, warnings: &mut Warnings) -> Result<Ve
             let world_from_local = visit.world_from_parent * local_transform(node);
             let light = extensions.and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
             let mesh = node.mesh.map(|m| m.value());
-            if mesh.is_some() || light.is_some() {
+            let has_profile = extensions.is_some_and(|e| e.others.contains_key("EXT_lights_ies"));
+            if mesh.is_some() || light.is_some() || has_profile {
                 let name = unique.make(path(&names, here));
                 if node.skin.is_some() && mesh.is_some() {
                     warnings.add(&name, "skins are not applied; the mesh was baked in its bind pose");

@@ -1,17 +1,76 @@
 //! UsdLux lights; the photometry is in [`crate::load::units`].
+//!
+//! What needs the surfaces or other prims (links, projectors' targets, portals) is kept until the whole stage was walked.
 
+use super::dome::{self, Domes};
+use super::link;
+use super::network::{self, Origin};
 use super::read;
-use super::texture::Textures;
+use super::shaping;
 use super::walk::{State, Walk};
 use crate::color::Rgb;
 use crate::error::Warnings;
-use crate::load::image::ColorSpace;
+use crate::load::projector::ProjectorRequest;
 use crate::load::units;
-use crate::scene::{Environment, Light, LightShape, Shaping};
+use crate::scene::{Light, LightShape, Scene};
 use glam::{Affine3A, DMat3, DMat4, DVec3, Mat3};
 use openusd::sdf::Value;
 use openusd::usd::Prim;
 use std::f64::consts::PI;
+
+/// What lights wait for until the stage was walked.
+#[derive(Default)]
+pub struct Pending {
+    /// Lights that not all surfaces know.
+    pub linked: Vec<(usize, Prim)>,
+    pub projectors: Vec<(ProjectorRequest, Option<String>)>,
+    pub domes: Domes,
+}
+
+impl Pending {
+    /// Finishes the lights of `scene`, whose surfaces have the prim paths `surfaces`.
+    pub fn settle(self, scene: &mut Scene, surfaces: &[String], warnings: &mut Warnings) {
+        self.domes.settle(scene, warnings);
+        for (light, prim) in self.linked {
+            scene.lights[light].links = link::links(&prim, surfaces, warnings);
+        }
+        for (mut request, target) in self.projectors {
+            if let Some(name) = target {
+                request.target = shaping::surfaces_below(name, surfaces);
+            }
+            request.apply(scene, warnings);
+        }
+    }
+}
+
+/// The value of the input `name` of a light, wherever it is connected to.
+pub fn input(prim: &Prim, name: &str, w: &mut Warnings) -> Option<Value> {
+    let attribute = prim.attribute(name);
+    if !attribute.has_authored_connections().unwrap_or(false) {
+        return read::attribute_value(&attribute, w);
+    }
+    match network::trace(&attribute, w) {
+        Origin::Value(Some(value)) => Some(value),
+        Origin::Value(None) => read::attribute_value(&attribute, w),
+        Origin::Shader { shader, output } => {
+            let message = "a light's input is fed by a shader, which is not supported; its own value is used";
+            w.add(format!("{}: {}.outputs:{output}", attribute.path(), shader.path()), message);
+            read::attribute_value(&attribute, w)
+        }
+    }
+}
+
+pub fn float(prim: &Prim, name: &str, w: &mut Warnings) -> Option<f32> {
+    input(prim, name, w).and_then(read::to_float)
+}
+
+pub fn boolean(prim: &Prim, name: &str, w: &mut Warnings) -> Option<bool> {
+    input(prim, name, w).and_then(read::to_bool)
+}
+
+pub fn rgb(prim: &Prim, name: &str, w: &mut Warnings) -> Option<Rgb> {
+    input(prim, name, w).and_then(read::to_vec3)
+}
 
 /// True where prims of the type `kind` are lights of UsdLux.
 pub fn is_light(kind: &str) -> bool {
@@ -33,9 +92,21 @@ pub fn is_light(kind: &str) -> bool {
 /// Adds the light `prim` of type `kind` to the scene.
 pub fn read_light(walk: &mut Walk, prim: &Prim, kind: &str, state: &State) {
     let name = prim.path().as_str().to_owned();
-    if matches!(kind, "PortalLight" | "GeometryLight" | "PluginLight") {
-        walk.warnings.add(name, format!("{kind} prims are not supported yet and were left out"));
-        return;
+    match kind {
+        "GeometryLight" => {
+            let message = "GeometryLight prims are deprecated and were left out; use MeshLightAPI on the geometry";
+            walk.warnings.add(name, message);
+            return;
+        }
+        "PluginLight" => {
+            walk.warnings.add(name, "PluginLight prims shine as a renderer's plugin says, and were left out");
+            return;
+        }
+        "PortalLight" => {
+            dome::read_portal(walk, prim, state);
+            return;
+        }
+        _ => {}
     }
     report_unsupported(prim, kind, &mut walk.warnings);
     let luminance = luminance(prim, &mut walk.warnings);
@@ -48,29 +119,49 @@ pub fn read_light(walk: &mut Walk, prim: &Prim, kind: &str, state: &State) {
         return;
     }
     if kind.starts_with("DomeLight") {
-        read_dome(walk, prim, kind, state, luminance);
+        dome::read_dome(walk, prim, kind, state, luminance);
         return;
     }
     let placed = Placed {
         world: state.world,
         metres_per_unit: walk.metres_per_unit,
-        normalize: read::boolean(prim, "inputs:normalize", &mut walk.warnings).unwrap_or(false),
+        normalize: boolean(prim, "inputs:normalize", &mut walk.warnings).unwrap_or(false),
         luminance,
     };
     let shape = shape(prim, kind, &placed, &mut walk.warnings);
-    let shaping = if kind == "DistantLight" { None } else { shaping(prim, state.world, &mut walk.warnings) };
-    walk.scene.lights.push(Light { name, shape, shaping, gltf_node: None });
+    let mut light = Light { world_from_light: axes(&placed.linear()), ..Light::new(name, shape) };
+    let number = walk.scene.lights.len();
+    if kind != "DistantLight" {
+        light.shaping = shaping::shaping(prim, state.world, &mut walk.warnings);
+        light.profile = shaping::profile(walk, prim, &light);
+        light.picture = shaping::picture(walk, prim, kind);
+    }
+    if let Some(request) = shaping::projector(walk, prim, number, state) {
+        walk.pending.projectors.push(request);
+    }
+    if link::is_restricted(prim, &mut walk.warnings) {
+        walk.pending.linked.push((number, prim.clone()));
+    }
+    walk.scene.lights.push(light);
+}
+
+/// The light's axes in the world, orthonormal: -Z first, then +Y; mirrored where the transform mirrors.
+pub fn axes(linear: &DMat3) -> Mat3 {
+    let z = linear.z_axis.normalize_or(DVec3::Z);
+    let y = (linear.y_axis - z * linear.y_axis.dot(z)).normalize_or(z.any_orthonormal_vector());
+    let x = y.cross(z) * if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
+    DMat3::from_cols(x, y, z).as_mat3()
 }
 
 /// `intensity * 2^exposure * color * temperature` [nit]. The `diffuse` multiplier counts too: a lightmap is diffuse light.
 fn luminance(prim: &Prim, w: &mut Warnings) -> Rgb {
-    let mut float = |name: &str, default: f32| read::float(prim, name, w).unwrap_or(default);
-    let scalar = float("inputs:intensity", 1.0)
-        * units::exposure_scale(float("inputs:exposure", 0.0))
-        * float("inputs:diffuse", 1.0);
-    let kelvin = float("inputs:colorTemperature", 6500.0);
-    let color = read::rgb(prim, "inputs:color", w).unwrap_or(Rgb::ONE);
-    let tinted = read::boolean(prim, "inputs:enableColorTemperature", w).unwrap_or(false);
+    let mut value = |name: &str, default: f32| float(prim, name, w).unwrap_or(default);
+    let scalar = value("inputs:intensity", 1.0)
+        * units::exposure_scale(value("inputs:exposure", 0.0))
+        * value("inputs:diffuse", 1.0);
+    let kelvin = value("inputs:colorTemperature", 6500.0);
+    let color = rgb(prim, "inputs:color", w).unwrap_or(Rgb::ONE);
+    let tinted = boolean(prim, "inputs:enableColorTemperature", w).unwrap_or(false);
     let temperature = if tinted { units::blackbody_rgb(kelvin) } else { Rgb::ONE };
     color.max(Rgb::ZERO) * temperature * scalar.max(0.0)
 }
@@ -103,7 +194,7 @@ impl Placed {
 fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Warnings) -> LightShape {
     let linear = light.linear();
     let center = light.world.w_axis.truncate().as_vec3();
-    let mut length = |name: &str, default: f32| f64::from(read::float(prim, name, w).unwrap_or(default).max(0.0));
+    let mut length = |name: &str, default: f32| f64::from(float(prim, name, w).unwrap_or(default).max(0.0));
     match kind {
         "RectLight" => {
             let u = linear.x_axis * (length("inputs:width", 1.0) / 2.0);
@@ -129,7 +220,7 @@ fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Warnings) -> LightShap
             LightShape::Cylinder { world_from_unit, radiance: light.radiance(units::cylinder_area(unit)) }
         }
         "DistantLight" => {
-            let angle = read::float(prim, "inputs:angle", w).unwrap_or(0.53).clamp(0.0, 360.0);
+            let angle = float(prim, "inputs:angle", w).unwrap_or(0.53).clamp(0.0, 360.0);
             let direction = (linear * DVec3::NEG_Z).normalize_or(DVec3::NEG_Y).as_vec3();
             let size = if light.normalize { units::distant_size_factor(angle) } else { 1.0 };
             let illuminance = light.luminance * (units::distant_illuminance(angle) / size) as f32;
@@ -163,7 +254,7 @@ fn point_intensity(prim: &Prim, light: &Placed, radius: f64, w: &mut Warnings) -
 }
 
 /// Half edges such that `-(u x v)` is the transformed -Z; a mirrored transform turns one of them over.
-fn facing(linear: &DMat3, u: DVec3, v: DVec3) -> (DVec3, DVec3) {
+pub fn facing(linear: &DMat3, u: DVec3, v: DVec3) -> (DVec3, DVec3) {
     if linear.determinant() < 0.0 { (-u, v) } else { (u, v) }
 }
 
@@ -171,107 +262,20 @@ fn affine(linear: DMat3, world: DMat4) -> Affine3A {
     Affine3A::from_mat3_translation(linear.as_mat3(), world.w_axis.truncate().as_vec3())
 }
 
-fn shaping(prim: &Prim, world: DMat4, w: &mut Warnings) -> Option<Shaping> {
-    let applied = prim.has_api_schema("ShapingAPI").unwrap_or(false);
-    let authored = ["inputs:shaping:cone:angle", "inputs:shaping:cone:softness", "inputs:shaping:focus"];
-    if !applied && !authored.iter().any(|name| read::is_authored(prim, name)) {
-        return None;
-    }
-    if let Some(Value::AssetPath(file)) = read::value(prim, "inputs:shaping:ies:file", w)
-        && !file.is_empty()
-    {
-        w.add(format!("{}: {file}", prim.path()), "IES profiles are not supported yet; the light shines without it");
-    }
-    let mut float = |name: &str, default: f32| read::float(prim, name, w).unwrap_or(default);
-    let cone_angle = float("inputs:shaping:cone:angle", if applied { 90.0 } else { 180.0 });
-    let cone_softness = float("inputs:shaping:cone:softness", 0.0).clamp(0.0, 1.0);
-    let focus = float("inputs:shaping:focus", 0.0).max(0.0);
-    let focus_tint = read::rgb(prim, "inputs:shaping:focusTint", w).unwrap_or(Rgb::ZERO);
-    let axis = (DMat3::from_mat4(world) * DVec3::NEG_Z).normalize_or(DVec3::NEG_Y).as_vec3();
-    let cone_angle = cone_angle.clamp(0.0, 180.0).to_radians();
-    Some(Shaping { axis, cone_angle, cone_softness, focus, focus_tint })
-}
-
-fn read_dome(walk: &mut Walk, prim: &Prim, kind: &str, state: &State, radiance: Rgb) {
-    let name = prim.path().as_str().to_owned();
-    let texture = dome_texture(prim, walk.materials.textures(), &mut walk.warnings);
-    if let Some(sky) = &mut walk.scene.environment {
-        if texture.is_none() && sky.texture.is_none() {
-            sky.radiance += radiance;
-        } else {
-            walk.warnings.add(name, "a second dome light with a texture is not supported yet and was left out");
-        }
-        return;
-    }
-    let axis = (kind == "DomeLight_1").then(|| read::token(prim, "poleAxis", &mut walk.warnings)).flatten();
-    let pole_is_z = match axis.as_deref() {
-        Some("Z") => true,
-        Some("Y") => false,
-        _ => kind == "DomeLight_1" && walk.z_up,
-    };
-    // The dome's own frame has its pole on +Y and the middle of the picture on +Z; with a Z pole that middle lies on -Y.
-    let dome_from_sky = if pole_is_z { DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y) } else { DMat3::IDENTITY };
-    let world_from_sky = rotation(DMat3::from_mat4(state.world)) * dome_from_sky.as_mat3();
-    walk.scene.environment = Some(Environment { name, radiance, texture, world_from_sky });
-}
-
-fn dome_texture(prim: &Prim, textures: &mut Textures, w: &mut Warnings) -> Option<usize> {
-    let Some(Value::AssetPath(file)) = read::value(prim, "inputs:texture:file", w) else { return None };
-    if file.is_empty() {
-        return None;
-    }
-    let format = read::token(prim, "inputs:texture:format", w).unwrap_or_default();
-    if !matches!(format.as_str(), "" | "automatic" | "latlong") {
-        w.add(prim.path(), format!("a dome texture of the format {format} is not supported yet; the dome is plain"));
-        return None;
-    }
-    textures.load(prim, &file, ColorSpace::Auto, w)
-}
-
-/// The rotation nearest to `m`'s axes; scale and mirroring mean nothing for a sky.
-fn rotation(m: DMat3) -> Mat3 {
-    let y = m.y_axis.normalize_or(DVec3::Y);
-    let z = (m.z_axis - y * m.z_axis.dot(y)).normalize_or(y.any_orthonormal_vector());
-    DMat3::from_cols(y.cross(z), y, z).as_mat3()
-}
-
 /// Names what this light has and a bake does not follow.
 fn report_unsupported(prim: &Prim, kind: &str, w: &mut Warnings) {
     let path = prim.path();
-    if kind == "RectLight"
-        && let Some(Value::AssetPath(file)) = read::value(prim, "inputs:texture:file", w)
-        && !file.is_empty()
-    {
-        w.add(format!("{path}: {file}"), "a rect light's texture is not supported yet; the light is plain");
-    }
     let has_targets = |name: &str| prim.relationship(name).has_authored_targets().unwrap_or(false);
     if has_targets("light:filters") {
         w.add(path, "light filters are not supported yet; the light shines unfiltered");
     }
-    if has_targets("portals") {
-        w.add(path, "portals are not supported yet; the dome shines everywhere");
+    if kind.starts_with("DomeLight") && link::is_restricted(prim, w) {
+        w.add(path, "a dome's links are not supported yet; it shines on everything, and everything blocks it");
     }
-    for link in ["lightLink", "shadowLink"] {
-        let collection = |field: &str| format!("collection:{link}:{field}");
-        let restricted = has_targets(&collection("excludes"))
-            || has_targets(&collection("includes"))
-            || read::is_authored(prim, &collection("membershipExpression"))
-            || read::boolean(prim, &collection("includeRoot"), w) == Some(false);
-        if restricted {
-            w.add(path, format!("{link} collections are not supported yet; the light is linked to everything"));
-        }
-    }
-    if read::boolean(prim, "inputs:shadow:enable", w) == Some(false) {
-        w.add(path, "a light without shadows casts them all the same");
-    }
-    let inputs = prim.authored_property_names().unwrap_or_default();
-    for name in inputs.iter().filter(|name| name.starts_with("inputs:")) {
-        if prim.attribute(name.as_str()).has_authored_connections().unwrap_or(false) {
-            w.add(
-                prim.attribute(name.as_str()).path(),
-                "a light's connected input is not supported; its value is used",
-            );
-        }
+    let other = |name: &str, default: f32, w: &mut Warnings| float(prim, name, w).is_some_and(|v| v != default);
+    let has_distance = other("inputs:shadow:distance", -1.0, w) || other("inputs:shadow:falloff", -1.0, w);
+    if has_distance || rgb(prim, "inputs:shadow:color", w).is_some_and(|c| c != Rgb::ZERO) {
+        w.add(path, "the colour, distance and falloff of shadows are not followed: they are as dark as they would be");
     }
     if kind == "DistantLight" && prim.has_api_schema("ShapingAPI").unwrap_or(false) {
         w.add(path, "shaping means nothing to a distant light and was left out");

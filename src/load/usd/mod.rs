@@ -7,14 +7,17 @@
 //! The stage's unit and up axis are folded into transforms; mesh positions stay as authored. UVs are flipped to v down.
 
 mod binding;
+mod dome;
 mod instancer;
 mod light;
+mod link;
 mod material;
 mod mesh;
 mod network;
 mod polygon;
 mod primvar;
 mod read;
+mod shaping;
 mod surface;
 mod texture;
 mod walk;

@@ -25,6 +25,8 @@ pub const MAX_SURFACES: usize = 4_000_000;
 pub struct State {
     /// Metres, Y up, from the parent's space; for what lies in a point instancer's prototype, the prototype's root space.
     pub world: DMat4,
+    /// The same of its parent.
+    pub parent: DMat4,
     purpose: Purpose,
     pub bindings: Option<Rc<Level>>,
     /// The closest constant displayColor above.
@@ -51,6 +53,17 @@ pub struct Placed {
     pub origin: SurfaceOrigin,
 }
 
+impl Placed {
+    /// The prim that collections hold: the gprim, or the point instancer that places it.
+    fn prim_path(&self) -> String {
+        match &self.origin {
+            SurfaceOrigin::UsdPoint { instancer, .. } => instancer.clone(),
+            // Of an instance within an instance the outermost instancer's name comes first.
+            _ => self.name.split('[').next().unwrap_or_default().to_owned(),
+        }
+    }
+}
+
 pub struct Walk {
     pub stage: Stage,
     pub scene: Scene,
@@ -66,13 +79,17 @@ pub struct Walk {
     pub metres: DMat4,
     pub metres_per_unit: f64,
     pub z_up: bool,
+    /// What lights wait for until everything was walked.
+    pub pending: light::Pending,
+    /// The files of IES profiles that were read.
+    pub profiles: Vec<PathBuf>,
 }
 
 /// What the walk found.
 pub struct Output {
     pub scene: Scene,
     pub warnings: Warnings,
-    /// Texture files that were read.
+    /// Texture and profile files that were read.
     pub textures: Vec<PathBuf>,
 }
 
@@ -100,6 +117,8 @@ impl Walk {
             meshes: HashMap::new(),
             metres_per_unit,
             z_up,
+            pending: light::Pending::default(),
+            profiles: Vec::new(),
         }
     }
 
@@ -107,6 +126,7 @@ impl Walk {
     pub fn run(&mut self) {
         let state = State {
             world: self.metres,
+            parent: self.metres,
             purpose: Purpose::Drawn,
             bindings: None,
             color: None,
@@ -120,7 +140,8 @@ impl Walk {
 
     /// The scene, its surfaces resolved to single precision.
     pub fn finish(self) -> Output {
-        let mut scene = self.scene;
+        let (mut scene, mut warnings) = (self.scene, self.warnings);
+        let prims: Vec<String> = self.surfaces.iter().map(Placed::prim_path).collect();
         scene.surfaces = self
             .surfaces
             .into_iter()
@@ -131,10 +152,12 @@ impl Walk {
                 origin: placed.origin,
             })
             .collect();
-        let (materials, textures, files) = self.materials.into_parts();
+        let (materials, textures, mut files) = self.materials.into_parts();
         scene.materials = materials;
         scene.textures = textures;
-        Output { scene, warnings: self.warnings, textures: files }
+        files.extend(self.profiles);
+        self.pending.settle(&mut scene, &prims, &mut warnings);
+        Output { scene, warnings, textures: files }
     }
 
     fn visit_children(&mut self, prim: &Prim, state: &State) {
@@ -187,7 +210,7 @@ impl Walk {
     /// What `prim` hands down, its own transform, purpose and bindings included; `None` where it is invisible.
     fn state(&mut self, prim: &Prim, names: &[Token], above: &State) -> Option<State> {
         let has = |name: &str| names.iter().any(|n| n.as_str() == name);
-        let mut state = State { depth: above.depth + 1, ..above.clone() };
+        let mut state = State { depth: above.depth + 1, parent: above.world, ..above.clone() };
         let w = &mut self.warnings;
         if has("visibility") && read::token(prim, "visibility", w).as_deref() == Some("invisible") {
             return None;

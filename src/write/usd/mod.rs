@@ -33,6 +33,7 @@ mod surfaces;
 use super::{Baked, BakedLights};
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
+use crate::scene::Environment;
 use input::Input;
 use instances::Instances;
 use layer::{Attribute, Layer};
@@ -89,9 +90,10 @@ fn mark_lights(
     if baked.lights == BakedLights::Keep {
         return;
     }
-    // A sky from the command line is named by its flag.
-    let sky = baked.scene.environment.iter().map(|e| e.name.as_str()).filter(|n| n.starts_with('/'));
-    let lights: BTreeSet<&str> = baked.scene.lights.iter().map(|l| l.name.as_str()).chain(sky).collect();
+    // A sun or sky from the command line is named by its flag.
+    let skies = baked.scene.environment.iter().flat_map(Environment::each).map(|e| e.name.as_str());
+    let names = baked.scene.lights.iter().map(|l| l.name.as_str()).chain(skies);
+    let lights: BTreeSet<&str> = names.filter(|n| n.starts_with('/')).collect();
     for light in lights {
         if input.prim(light).is_none() {
             warnings

@@ -49,7 +49,7 @@ pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Resu
 
 /// The light and its node.
 fn punctual(light: &Light) -> Option<(Value, Value)> {
-    if light.shaping.is_some() {
+    if !light.is_plain() {
         return None;
     }
     let (mut json, strength, range, position, direction) = match light.shape {

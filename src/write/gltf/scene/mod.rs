@@ -9,7 +9,7 @@ use super::document::{Document, number, numbers};
 use super::radiance::SurfaceLight;
 use super::{extras, viewer_colors};
 use crate::error::{Result, Warnings};
-use crate::scene::{Material, Surface};
+use crate::scene::{Environment, Material, Surface};
 use crate::write::Baked;
 use glam::{Affine3A, Vec3A};
 use material::Materials;
@@ -65,7 +65,7 @@ pub fn build(baked: &Baked, lights: Option<&[SurfaceLight]>, warnings: &mut Warn
         nodes.push(node.into());
     }
     nodes.extend(light::write(&mut doc, baked, warnings)?.into_iter().map(Value::from));
-    if let Some(sky) = &scene.environment {
+    for sky in scene.environment.iter().flat_map(Environment::each) {
         warnings.add(&sky.name, "a sky can't be expressed in the GLB; its light is in the lightmap alone");
     }
     doc.root_mut().insert("scene".into(), 0.into());

@@ -1,0 +1,118 @@
+//! Light that settings add to a scene: sun, sky, a picture as the sky, and projectors.
+
+use crate::error::Result;
+use crate::load::Loaded;
+use crate::load::image::{self, ColorSpace};
+use crate::load::projector::{ProjectorRequest, Target};
+use crate::scene::clear_sky::{ClearSky, towards};
+use crate::scene::{Environment, Light, LightShape};
+use crate::settings::{ProjectorSetting, Settings, SkySetting};
+use glam::Vec3;
+
+/// The sun's disc [degrees].
+const SUN_ANGLE: f32 = 0.53;
+
+/// Adds what `settings` ask for to the loaded scene. A sky takes the place of the scene's own, with a warning.
+///
+/// # Errors
+/// Those of pictures that can't be read.
+pub fn add(loaded: &mut Loaded, settings: &Settings) -> Result<()> {
+    let replaces = settings.sky.is_some() || settings.environment.is_some();
+    if let Some(own) = loaded.scene.environment.as_ref().filter(|_| replaces) {
+        loaded.warnings.add(&own.name, "the scene's own sky was replaced by the one that was asked for");
+    }
+    let sun = settings.sun.map(|[elevation, azimuth, lux]| (towards(elevation, azimuth), lux));
+    if let Some((towards_sun, lux)) = sun.filter(|(_, lux)| *lux > 0.0) {
+        let shape = LightShape::Directional {
+            direction: -towards_sun,
+            illuminance: Vec3::splat(lux),
+            angle: SUN_ANGLE.to_radians(),
+        };
+        loaded.scene.lights.push(Light::new("--sun", shape));
+    }
+    match settings.sky {
+        Some(SkySetting::Constant(radiance)) => {
+            loaded.scene.environment = Some(Environment::constant("--sky", radiance.into()));
+        }
+        Some(SkySetting::Clear { turbidity }) => {
+            let towards_sun = sun.map_or(Vec3::Y, |(towards_sun, _)| towards_sun);
+            loaded.scene.textures.push(ClearSky::new(towards_sun, turbidity).picture());
+            picture_sky(loaded, "--sky clear");
+        }
+        None => {}
+    }
+    if let Some(picture) = &settings.environment {
+        loaded.scene.textures.push(image::load_file(picture, ColorSpace::Auto)?);
+        picture_sky(loaded, "--environment");
+        loaded.inputs.push(picture.clone());
+    }
+    settings.projectors.iter().try_for_each(|projector| project(loaded, projector))
+}
+
+/// Makes the last texture the sky.
+fn picture_sky(loaded: &mut Loaded, name: &str) {
+    let texture = Some(loaded.scene.textures.len() - 1);
+    loaded.scene.environment = Some(Environment { texture, ..Environment::constant(name, Vec3::ONE) });
+}
+
+/// Lets the lights that `setting` names throw its picture.
+fn project(loaded: &mut Loaded, setting: &ProjectorSetting) -> Result<()> {
+    let scene = &mut loaded.scene;
+    let lights: Vec<usize> =
+        (0..scene.lights.len()).filter(|&l| matches(&setting.light, &scene.lights[l].name)).collect();
+    if lights.is_empty() {
+        loaded.warnings.add(&setting.light, "a projector names no light of the scene; nothing is thrown");
+        return Ok(());
+    }
+    scene.textures.push(image::load_file(&setting.picture, ColorSpace::Auto)?);
+    loaded.inputs.push(setting.picture.clone());
+    let texture = scene.textures.len() - 1;
+    let target = setting.target.as_ref().map_or(Target::None, |name| {
+        let surfaces = (0..scene.surfaces.len()).filter(|&s| matches(name, &scene.surfaces[s].name)).collect();
+        Target::Surfaces { name: name.clone(), surfaces }
+    });
+    let fov = setting.fov.map(f32::to_radians);
+    for light in lights {
+        let request = ProjectorRequest { light, texture, fov, aspect: setting.aspect, target: target.clone() };
+        request.apply(scene, &mut loaded.warnings);
+    }
+    Ok(())
+}
+
+/// True where `name` is as `pattern` says: `*` stands for anything, `?` for one character.
+fn matches(pattern: &str, name: &str) -> bool {
+    let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
+    // The last star, and the place in the name up to which it reaches so far.
+    let (mut p, mut n, mut star) = (0, 0, None);
+    while n < name.len() {
+        if pattern.get(p) == Some(&'*') {
+            star = Some((p, n));
+            p += 1;
+        } else if pattern.get(p).is_some_and(|c| *c == '?' || *c == name[n]) {
+            (p, n) = (p + 1, n + 1);
+        } else if let Some((at, reached)) = star {
+            star = Some((at, reached + 1));
+            (p, n) = (at + 1, reached + 1);
+        } else {
+            return false;
+        }
+    }
+    pattern[p..].iter().all(|c| *c == '*')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::matches;
+
+    #[test]
+    fn patterns() {
+        for (pattern, name) in
+            [("*", ""), ("a*c", "abbc"), ("a?c", "abc"), ("*/Spot*", "/Lights/Spot_1"), ("**b", "aab")]
+        {
+            assert!(matches(pattern, name), "{pattern} {name}");
+        }
+        for (pattern, name) in [("", "a"), ("a?", "a"), ("*b", "ba"), ("a*b*c", "acb"), ("Spot", "/Spot")] {
+            assert!(!matches(pattern, name), "{pattern} {name}");
+        }
+    }
+}
