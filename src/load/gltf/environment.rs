@@ -19,8 +19,8 @@ use serde_json::Value;
 use std::f32::consts::PI;
 
 const EXTENSION: &str = "EXT_lights_image_based";
-/// Most texels across a latlong picture.
-const MOST_WIDTH: u32 = 4096;
+/// Least and most texels down a latlong picture: a coarse one would blur the edges of even a coarse cube.
+const HEIGHTS: [u32; 2] = [64, 2048];
 /// Texels down the picture of a sky that is given by coefficients.
 const SMOOTH_HEIGHT: u32 = 64;
 
@@ -181,7 +181,7 @@ impl Cube {
     /// A latlong picture with about as many texels around the horizon as four faces have.
     fn to_latlong(&self, name: &str) -> Texture {
         let side = self.faces.iter().map(|f| f.width).max().unwrap_or(1);
-        latlong(name, (2 * side).clamp(2, MOST_WIDTH / 2), |d| self.radiance(d))
+        latlong(name, (2 * side).clamp(HEIGHTS[0], HEIGHTS[1]), |d| self.radiance(d))
     }
 }
 

@@ -77,7 +77,11 @@ const HARMLESS: &[&str] = &[
 ];
 
 /// Compression of geometry, which can't be read.
+///
+/// Of the crates that decode it, draco_decoder builds Google's C++ by CMake, and draco-oxide is an alpha with unsafe code.
 const DRACO: &str = "KHR_draco_mesh_compression";
+pub(super) const DRACO_MESSAGE: &str = "the geometry is compressed with KHR_draco_mesh_compression, which can't be read; decode \
+    it first (gltf-transform copy, or the exporter without compression), or compress it with EXT_meshopt_compression";
 
 /// Refuses a file that needs an extension which changes geometry and isn't read; names all others that aren't read.
 ///
@@ -92,11 +96,7 @@ pub(super) fn check(json: &Value, place: &str, warnings: &mut Warnings) -> Resul
     let required = names("extensionsRequired");
     for name in required.iter().copied().filter(|name| !known(name)) {
         if name == DRACO {
-            let message = format!(
-                "the geometry is compressed with {DRACO}, which can't be read; decode it first (gltf-transform copy, or the \
-                 exporter without compression), or compress it with EXT_meshopt_compression"
-            );
-            return Err(Error::unsupported(place, message));
+            return Err(Error::unsupported(place, DRACO_MESSAGE));
         }
         if touches_geometry(json, name) {
             let message = format!("requires {name}, which changes geometry and isn't read; export without it");

@@ -5,6 +5,7 @@
 
 use super::accessor;
 use super::document::Document;
+use super::extension;
 use super::morph;
 use super::skin::{Influences, Skin};
 use crate::error::{Error, Result, Warnings};
@@ -178,8 +179,7 @@ impl<'a> MeshReader<'a> {
         let draco = primitive.extensions.as_ref().is_some_and(|e| e.others.contains_key("KHR_draco_mesh_compression"));
         let accessor: json::Accessor = self.document.item("accessors", positions.value())?;
         if draco && accessor.buffer_view.is_none() {
-            let message = "is compressed with KHR_draco_mesh_compression, which can't be read; export it uncompressed";
-            return Err(Error::unsupported(place, message));
+            return Err(Error::unsupported(place, extension::DRACO_MESSAGE));
         }
         let source = primitive.indices.unwrap_or(positions);
         let count = accessor::count(self.document, source.value())?;

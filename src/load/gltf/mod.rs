@@ -68,6 +68,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
             surfaces.push(Surface { name, mesh, world_from_local, origin: SurfaceOrigin::GltfNode(node.index) });
         }
     }
+    if surfaces.is_empty() && document.count("meshes") > 0 {
+        warnings.add(document.file(), "the file has meshes, but no visible node of its scene shows one");
+    }
     let meshes = meshes.into_meshes();
     let (materials, mut textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
     document.inputs.extend(pictures);

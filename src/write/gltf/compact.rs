@@ -16,8 +16,14 @@ pub struct Before {
 }
 
 /// Extensions that are known not to refer to accessors or views, or to do so where this module looks.
-const KNOWN: [&str; 4] =
-    ["KHR_lights_punctual", "KHR_texture_transform", "EXT_mesh_gpu_instancing", "EXT_meshopt_compression"];
+const KNOWN: [&str; 6] = [
+    "EXT_lights_area",
+    "EXT_lights_image_based",
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_texture_transform",
+];
 
 impl Before {
     /// Notes what is referred to now.

@@ -9,6 +9,8 @@ use serde_json::{Value, json};
 /// Name of the object inside `extras`.
 const KEY: &str = "lumel";
 const LIGHTS: &str = "KHR_lights_punctual";
+/// Extensions by which a node shines.
+const SHINING: [&str; 2] = [LIGHTS, "EXT_lights_area"];
 
 /// The `extras.lumel` of `object`, made where it is missing. Extras that are no object move to `extras.original`.
 pub fn lumel(object: &mut Object) -> &mut Object {
@@ -92,7 +94,7 @@ pub fn write_lights(doc: &mut Document, nodes: impl Iterator<Item = usize>, mode
             }
             BakedLights::Remove => {
                 if let Some(extensions) = node.get_mut("extensions").and_then(Value::as_object_mut) {
-                    extensions.shift_remove(LIGHTS);
+                    SHINING.iter().for_each(|name| drop(extensions.shift_remove(*name)));
                     if extensions.is_empty() {
                         node.shift_remove("extensions");
                     }
@@ -100,10 +102,12 @@ pub fn write_lights(doc: &mut Document, nodes: impl Iterator<Item = usize>, mode
             }
         }
     }
-    let is_light = |node: &Value| node.get("extensions").is_some_and(|e| e.get(LIGHTS).is_some());
-    let nodes = doc.root().get("nodes").and_then(Value::as_array);
-    if mode == BakedLights::Remove && !nodes.is_some_and(|nodes| nodes.iter().any(is_light)) {
-        doc.drop_extension(LIGHTS);
+    for name in SHINING {
+        let is_light = |node: &Value| node.get("extensions").is_some_and(|e| e.get(name).is_some());
+        let nodes = doc.root().get("nodes").and_then(Value::as_array);
+        if mode == BakedLights::Remove && !nodes.is_some_and(|nodes| nodes.iter().any(is_light)) {
+            doc.drop_extension(name);
+        }
     }
     Ok(())
 }
