@@ -23,12 +23,11 @@ fn grid() -> (Vec<[f32; 3]>, Vec<u32>) {
     (positions, indices)
 }
 
-/// A document whose views are compressed, each in its mode: (stream, stride, count, mode, filter, accessor).
-fn compressed(
-    extension: &str,
-    views: &[(Vec<u8>, usize, usize, &str, Option<&str>, Value)],
-    primitive: Value,
-) -> Value {
+/// A compressed view: stream, stride, count, mode, filter, accessor.
+type View = (Vec<u8>, usize, usize, &'static str, Option<&'static str>, Value);
+
+/// A document whose views are compressed, each in its mode.
+fn compressed(extension: &str, views: &[View], primitive: Value) -> Value {
     let mut bin: Vec<u8> = Vec::new();
     let (mut json_views, mut accessors, mut fallback) = (Vec::new(), Vec::new(), 0);
     for (i, (stream, stride, count, mode, filter, accessor)) in views.iter().enumerate() {

@@ -23,8 +23,8 @@ fn main() {
     for (name, compressed) in [("plain", false), ("meshopt", true)] {
         let file = folder.join(format!("{name}.glb"));
         std::fs::write(&file, glb(compressed)).expect("a file");
-        print!("{name:8} ");
         let done = Command::new(std::env::current_exe().expect("a program")).arg("read").arg(&file).status();
+        println!("    {name}");
         assert!(done.is_ok_and(|s| s.success()));
     }
     let _ = std::fs::remove_dir_all(&folder);

@@ -207,23 +207,32 @@ impl<'a> MeshReader<'a> {
         shape: &Shape,
         place: &str,
     ) -> Result<Vertices> {
-        let (mut vertices, influences) = self.base_vertices(primitive, shape.skin.is_some(), place)?;
+        let mut vertices = self.base_vertices(primitive, place)?;
         morph::apply(self.document, targets, shape.weights, &mut vertices, place)?;
         if let Some(skin) = shape.skin {
+            let influences = self.influences(primitive)?;
             vertices.mirrored = skin.apply(&influences, &mut vertices.positions, &mut vertices.normals, place)?;
         }
         Ok(vertices)
     }
 
-    /// The vertices of a primitive as its attributes have them, and their joints where `skinned`.
-    fn base_vertices(
-        &self,
-        primitive: &json::mesh::Primitive,
-        skinned: bool,
-        place: &str,
-    ) -> Result<(Vertices, Influences)> {
-        let mut vertices = Vertices::default();
+    /// The joints of a primitive's vertices and their weights.
+    fn influences(&self, primitive: &json::mesh::Primitive) -> Result<Influences> {
         let mut influences = Influences::default();
+        let read = |index: usize| accessor::floats(self.document, index, &[Type::Vec4], false);
+        for (semantic, index) in &primitive.attributes {
+            match semantic {
+                Checked::Valid(Semantic::Joints(set)) => influences.joints.push((*set, read(index.value())?)),
+                Checked::Valid(Semantic::Weights(set)) => influences.weights.push((*set, read(index.value())?)),
+                _ => {}
+            }
+        }
+        Ok(influences)
+    }
+
+    /// The vertices of a primitive as its attributes have them.
+    fn base_vertices(&self, primitive: &json::mesh::Primitive, place: &str) -> Result<Vertices> {
+        let mut vertices = Vertices::default();
         let mut lengths = BTreeSet::new();
         for (semantic, index) in &primitive.attributes {
             let Checked::Valid(semantic) = semantic else { continue };
@@ -260,14 +269,6 @@ impl<'a> MeshReader<'a> {
                         .collect();
                     vertices.colors.len()
                 }
-                Semantic::Joints(set) if skinned => {
-                    influences.joints.push((*set, read(&[Type::Vec4], false)?));
-                    continue;
-                }
-                Semantic::Weights(set) if skinned => {
-                    influences.weights.push((*set, read(&[Type::Vec4], false)?));
-                    continue;
-                }
                 _ => continue,
             };
             lengths.insert(length);
@@ -275,7 +276,7 @@ impl<'a> MeshReader<'a> {
         if lengths.len() > 1 {
             return Err(Error::invalid(place, "has attributes of different lengths; export the file again"));
         }
-        Ok((vertices, influences))
+        Ok(vertices)
     }
 
     fn within_limits(&self, count: usize, what: &str, place: &str) -> Result<()> {

@@ -127,9 +127,9 @@ fn decode_view(document: &Document, index: usize) -> Result<Vec<u8>> {
     }
     let bytes = match (compressed.mode.as_str(), filter, stride) {
         ("ATTRIBUTES", _, _) => attributes(stream, count, stride, filter).ok_or_else(unknown)?,
-        ("TRIANGLES", "NONE", 2) if count % 3 == 0 => meshopt::decode_index_buffer::<u16>(stream, count)
+        ("TRIANGLES", "NONE", 2) if count.is_multiple_of(3) => meshopt::decode_index_buffer::<u16>(stream, count)
             .map(|v| v.into_iter().flat_map(u16::to_le_bytes).collect()),
-        ("TRIANGLES", "NONE", 4) if count % 3 == 0 => meshopt::decode_index_buffer::<u32>(stream, count)
+        ("TRIANGLES", "NONE", 4) if count.is_multiple_of(3) => meshopt::decode_index_buffer::<u32>(stream, count)
             .map(|v| v.into_iter().flat_map(u32::to_le_bytes).collect()),
         ("INDICES", "NONE", 2) => meshopt::decode_index_sequence::<u16>(stream, count)
             .map(|v| v.into_iter().flat_map(u16::to_le_bytes).collect()),
@@ -154,7 +154,7 @@ impl<const N: usize> Default for Element<N> {
 /// Decodes `count` elements of `stride` bytes and applies `filter`; `None` where the stride doesn't fit.
 fn attributes(stream: &[u8], count: usize, stride: usize, filter: &str) -> Option<meshopt::Result<Vec<u8>>> {
     let fits = match filter {
-        "NONE" | "EXPONENTIAL" => stride % 4 == 0 && (4..=256).contains(&stride),
+        "NONE" | "EXPONENTIAL" => stride.is_multiple_of(4) && (4..=256).contains(&stride),
         "OCTAHEDRAL" | "COLOR" => stride == 4 || stride == 8,
         "QUATERNION" => stride == 8,
         _ => false,

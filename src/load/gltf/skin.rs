@@ -95,19 +95,22 @@ impl Skin {
             let message = "is bound to a skin, but its vertices name no joints with weights; export the file again";
             return Err(Error::invalid(place, message));
         }
-        let transforms: Option<Vec<DAffine3>> = (0..count).into_par_iter().map(|v| self.blend(&sets, v)).collect();
-        let transforms = transforms.ok_or_else(|| {
-            let message =
-                format!("names a joint beyond the {} of its skin; export the file again", self.world_from_mesh.len());
-            Error::invalid(place, message)
-        })?;
-        for (position, transform) in positions.iter_mut().zip(&transforms) {
+        // Blending twice is cheap; a transform a vertex would take more memory than the mesh.
+        let moved = positions.par_iter_mut().enumerate().map(|(v, position)| {
+            let transform = self.blend(&sets, v)?;
             *position = transform.transform_point3(position.as_dvec3()).as_vec3();
-        }
-        for (normal, transform) in normals.iter_mut().zip(&transforms) {
-            *normal = (cofactor(transform.matrix3) * normal.as_dvec3()).normalize_or_zero().as_vec3();
-        }
-        Ok(transforms.iter().map(|t| t.matrix3.determinant() < 0.0).collect())
+            Some(transform.matrix3.determinant() < 0.0)
+        });
+        let mirrored = moved.collect::<Option<Vec<bool>>>().ok_or_else(|| {
+            let joints = self.world_from_mesh.len();
+            Error::invalid(place, format!("names a joint beyond the {joints} of its skin; export the file again"))
+        })?;
+        normals.par_iter_mut().enumerate().for_each(|(v, normal)| {
+            if let Some(transform) = self.blend(&sets, v) {
+                *normal = (cofactor(transform.matrix3) * normal.as_dvec3()).normalize_or_zero().as_vec3();
+            }
+        });
+        Ok(mirrored)
     }
 
     /// The weighted sum of the transforms of vertex `v`'s joints; `None` where one is out of range.

@@ -1,7 +1,7 @@
 //! Images of textures: where their bytes are, and decoding them in parallel.
 //!
 //! A picture in WebP (EXT_texture_webp) goes before the ordinary one beside it. Basis Universal (KHR_texture_basisu) isn't
-//! decoded: the one crate that does, basis-universal, compiles the whole encoder too and knows no KTX2; the ordinary picture
+//! decoded: the one crate that does, basis-universal, compiles the whole encoder too (a minute more to build) and knows no KTX2; the ordinary picture
 //! is used.
 
 use super::document::Document;

@@ -69,7 +69,7 @@ impl Transmission {
         };
         let (thin, diffuse, volume) =
             ("KHR_materials_transmission", "KHR_materials_diffuse_transmission", "KHR_materials_volume");
-        let share = |v: f32| v.max(0.0).min(1.0);
+        let share = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
         let read = Self {
             straight: share(number(thin, "transmissionFactor", 0.0)?),
             straight_texture: texture(thin, "transmissionTexture")?,

@@ -97,7 +97,7 @@ pub fn read(doc: &Document, accessor: usize) -> Result<Elements> {
     if let Some(view) = index(json, "bufferView") {
         let offset = index(json, "byteOffset").unwrap_or(0);
         let (data, stride) = view_bytes(doc, view)?;
-        copy(&mut bytes, data.get(offset..).unwrap_or(&[]), size, stride.unwrap_or(size), |i| Some(i))
+        copy(&mut bytes, data.get(offset..).unwrap_or(&[]), size, stride.unwrap_or(size), Some)
             .ok_or_else(|| broken("reaches beyond its buffer"))?;
     }
     if let Some(sparse) = json.get("sparse").and_then(Value::as_object) {
