@@ -476,3 +476,66 @@ fn instances_may_be_quantized_and_carry_attributes_of_their_own() {
     let turned = loaded.scene.surfaces[0].world_from_local.transform_vector3(Vec3::X);
     assert!(turned.abs_diff_eq(Vec3::Y * 2.0, 1e-2), "{turned}");
 }
+
+#[test]
+fn color_and_quaternion_filters() {
+    let folder = Folder::new("filters");
+    let mut b = Builder::default();
+    b.floats(&TRIANGLE);
+    let colors = [[1.0f32, 0.5, 0.25, 1.0], [0.0, 0.0, 1.0, 1.0], [0.25, 0.25, 0.25, 0.5]];
+    let turns = [[0.0f32, 0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2], [0.0, 0.0, 0.0, 1.0]];
+    let encoded: [Vec<u8>; 2] = [
+        meshopt::encode_vertex_buffer(&meshopt::encode_filter_color::<u8>(&colors, 8)).unwrap(),
+        meshopt::encode_vertex_buffer(&meshopt::encode_filter_quat(&turns, 16)).unwrap(),
+    ];
+    for (stream, stride, count, filter) in [(&encoded[0], 4, 3, "COLOR"), (&encoded[1], 8, 2, "QUATERNION")] {
+        let view = b.view(stream, None);
+        let inner = json!({ "buffer": 0, "byteOffset": b.views[view]["byteOffset"], "byteLength": stream.len(),
+                            "byteStride": stride, "count": count, "mode": "ATTRIBUTES", "filter": filter });
+        b.views[view] =
+            json!({ "buffer": 1, "byteLength": stride * count, "extensions": { "KHR_meshopt_compression": inner } });
+    }
+    b.accessor(json!({ "bufferView": 1, "componentType": 5121, "normalized": true, "count": 3, "type": "VEC4" }));
+    b.accessor(json!({ "bufferView": 2, "componentType": 5122, "normalized": true, "count": 2, "type": "VEC4" }));
+    let mut document = one(json!({ "attributes": { "POSITION": 0, "COLOR_0": 1 } }));
+    document["nodes"][0]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "ROTATION": 2 } } });
+    let mut document: Value = serde_json::from_slice(&b.gltf(document)).unwrap();
+    document["buffers"].as_array_mut().unwrap().push(json!({ "byteLength": 16 }));
+    let loaded = load(&folder, &serde_json::to_vec(&document).unwrap());
+    for (got, expected) in first_mesh(&loaded).colors.iter().zip(colors) {
+        assert!(got.abs_diff_eq(expected.into(), 0.02), "{got} is not {expected:?}");
+    }
+    let turned = loaded.scene.surfaces[0].world_from_local.transform_vector3(Vec3::X);
+    assert!(turned.abs_diff_eq(Vec3::Y, 1e-3), "{turned}");
+}
+
+#[test]
+fn an_uncompressed_copy_stands_in_for_draco() {
+    let folder = Folder::new("draco_copy");
+    let mut b = Builder::default();
+    let positions = b.floats(&TRIANGLE);
+    let stream = b.view(&[1, 2, 3, 4], None);
+    let draco = json!({ "KHR_draco_mesh_compression": { "bufferView": stream, "attributes": { "POSITION": 0 } } });
+    let mut document = one(json!({ "attributes": { "POSITION": positions }, "extensions": draco }));
+    document["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
+    let document: Value = serde_json::from_slice(&b.gltf(document)).unwrap();
+    let loaded = load(&folder, &serde_json::to_vec(&document).unwrap());
+    assert!(warned(&loaded, "the uncompressed copy of the geometry was used"));
+    let glb = bake(&folder, &document, &[]);
+    assert!(!glb.json.to_string().contains("draco"), "a copy with other UVs would contradict the stream");
+}
+
+#[test]
+fn a_scene_without_triangles_says_why() {
+    let folder = Folder::new("points");
+    let refuse = |document: Value| {
+        let mut b = Builder::default();
+        b.floats(&TRIANGLE);
+        lumel::load::load(&folder.write("t.gltf", &b.gltf(document))).unwrap_err().to_string()
+    };
+    let points = one(json!({ "attributes": { "POSITION": 0 }, "mode": 0 }));
+    assert!(refuse(points).contains("points and lines have no surface"));
+    let mut unplaced = one(json!({ "attributes": { "POSITION": 0 } }));
+    unplaced["nodes"] = json!([{}]);
+    assert!(refuse(unplaced).contains("no visible node of its scene shows one"));
+}
