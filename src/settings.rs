@@ -26,7 +26,7 @@ pub struct Settings {
     pub quality: Quality,
     /// The moment that moving parts are read at: seconds in glTF, a time code in USD; none: at rest, or the default time.
     pub time: Option<f64>,
-    /// glTF: the animation that `time` is of; none: the first one.
+    /// glTF: the animation that `time` is of, by name or number from 0; none: the first one.
     pub animation: Option<String>,
     /// Variants to read in place of the default: names in glTF, `PRIM:SET=NAME` in USD.
     pub variant: Vec<String>,

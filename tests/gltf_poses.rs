@@ -231,11 +231,12 @@ fn animations_are_read_at_a_time() {
 
     let jump = at(Some(1.0), Some("jump")).scene.surfaces[0].world_from_local;
     assert!(near(jump.translation.into(), Vec3::splat(5.0)));
+    assert_eq!(at(Some(1.0), Some("1")).scene.surfaces[0].world_from_local, jump, "by number");
     let first = at(None, Some("jump")).scene.surfaces[0].world_from_local;
     assert!(near(first.translation.into(), Vec3::ONE), "a name alone: at 0 s");
 
     let error = load_at(&folder, &bytes, Some(1.0), Some("run")).unwrap_err().to_string();
-    assert!(error.contains("no animation \"run\"") && error.contains("\"walk\", \"jump\""), "{error}");
+    assert!(error.contains("no animation \"run\"") && error.contains("0 \"walk\", 1 \"jump\""), "{error}");
 }
 
 #[test]

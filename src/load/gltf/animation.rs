@@ -109,15 +109,16 @@ pub(super) fn pose(document: &Document, options: &LoadOptions, warnings: &mut Wa
     Ok(pose)
 }
 
-/// The animation named `name`, or the first one.
+/// The animation named `name`, or, where none is, of that number from 0; without a name the first one.
 fn chosen(document: &Document, name: Option<&str>) -> Result<Option<usize>> {
     let animations = document.json.get("animations").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let Some(name) = name else { return Ok((!animations.is_empty()).then_some(0)) };
     let names = || animations.iter().map(|a| a.get("name").and_then(Value::as_str).unwrap_or_default());
-    match names().position(|n| n == name) {
+    let number = || name.parse::<usize>().ok().filter(|&n| n < animations.len());
+    match names().position(|n| n == name).or_else(number) {
         Some(index) => Ok(Some(index)),
         None => {
-            let there: Vec<String> = names().map(|n| format!("\"{n}\"")).collect();
+            let there: Vec<String> = names().enumerate().map(|(i, n)| format!("{i} \"{n}\"")).collect();
             let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
             Err(Error::invalid(document.file(), format!("has no animation \"{name}\"; there is: {there}")))
         }
