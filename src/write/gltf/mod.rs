@@ -60,7 +60,7 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
             doc
         }
     };
-    std::fs::write(path, doc.to_glb()?).map_err(|e| Error::io(path, e))?;
+    std::fs::write(path, doc.into_glb()?).map_err(|e| Error::io(path, e))?;
     Ok(warnings)
 }
 
