@@ -210,6 +210,13 @@ pub struct SceneArgs {
     /// Read moving parts at this moment: seconds in glTF, a time code in USD [default: at rest]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub time: Option<f64>,
+    /// glTF: the animation that --time is of, by name or number from 0 [default: the first one]
+    #[arg(long, value_name = "NAME")]
+    pub animation: Option<String>,
+    /// Read this variant in place of the default, may be repeated: a name in glTF (KHR_materials_variants), PRIM:SET=NAME in
+    /// USD
+    #[arg(long, value_name = "VARIANT")]
+    pub variant: Option<Vec<String>>,
 }
 
 /// How many texels, on which pages.

@@ -261,7 +261,7 @@ mod tests {
                     --watch-every 3";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
-            typed("--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 --error 2% --time-budget 5")
+            typed("--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 --error 2% --time-budget 5 --time 1 --animation walk --variant a --variant b")
                 .keys()
                 .cloned(),
         );

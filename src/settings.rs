@@ -29,6 +29,10 @@ pub struct Settings {
     pub quality: Quality,
     /// The moment that moving parts are read at: seconds in glTF, a time code in USD; none: at rest, or the default time.
     pub time: Option<f64>,
+    /// glTF: the animation that `time` is of, by name or number from 0; none: the first one.
+    pub animation: Option<String>,
+    /// Variants to read in place of the default: names in glTF, `PRIM:SET=NAME` in USD.
+    pub variant: Vec<String>,
     /// Everything on one page of N x N texels.
     pub resolution: Option<u32>,
     /// Texels per metre.
@@ -266,7 +270,7 @@ impl Quality {
 impl Settings {
     /// How the scene file is read.
     pub fn load_options(&self) -> LoadOptions {
-        LoadOptions { time: self.time }
+        LoadOptions { time: self.time, animation: self.animation.clone(), variants: self.variant.clone() }
     }
 
     /// The unwrap stage's parameters.

@@ -68,7 +68,13 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let mut loaded = match extension.as_str() {
         "gltf" | "glb" => gltf::load(path, options)?,
-        "usd" | "usda" | "usdc" | "usdz" => usd::load(path, options)?,
+        "usd" | "usda" | "usdc" | "usdz" => {
+            let mut loaded = usd::load(path, options)?;
+            if options.animation.is_some() {
+                loaded.warnings.add(path.display(), "a USD stage has one timeline; the animation's name was ignored");
+            }
+            loaded
+        }
         _ => {
             let message = "is not a scene format that can be read (.gltf .glb .usd .usda .usdc .usdz)";
             return Err(Error::unsupported(path.display(), message));

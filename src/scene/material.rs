@@ -14,6 +14,11 @@ pub struct Material {
     /// Emitted radiance factor [nit]; multiplied by the texture where there is one.
     pub emission: Rgb,
     pub emission_texture: Option<TextureSlot>,
+    /// Share of the light that passes straight through, as through a thin pane, 0..=1: black lets nothing through (the
+    /// default), white all. Multiplied by the texture where there is one. What passes isn't in the albedo any more: the two
+    /// add up to 1 at most.
+    pub transmission: Rgb,
+    pub transmission_texture: Option<TextureSlot>,
     /// Reflects and emits on both sides; else the back is black and blocks light.
     pub double_sided: bool,
     /// Alpha of the albedo, and what it means.
@@ -72,6 +77,8 @@ impl Default for Material {
             albedo_texture: None,
             emission: Rgb::ZERO,
             emission_texture: None,
+            transmission: Rgb::ZERO,
+            transmission_texture: None,
             double_sided: false,
             alpha: Alpha::Opaque,
         }

@@ -58,7 +58,13 @@ pub fn validate(scene: &mut Scene, place: &str, warnings: &mut Warnings) -> Resu
     });
     scene.lights.iter_mut().for_each(|light| light.links.retain(&keep));
     if scene.surfaces.is_empty() {
-        return Err(Error::invalid(place, "the scene holds no triangles to bake"));
+        let mut message = "the scene holds no triangles to bake".to_owned();
+        // What was left out is likely the reason.
+        let left_out: Vec<&str> = warnings.iter().take(3).map(|w| w.message.as_str()).collect();
+        if !left_out.is_empty() {
+            message += &format!(" ({})", left_out.join("; "));
+        }
+        return Err(Error::invalid(place, message));
     }
     Ok(())
 }

@@ -1,4 +1,5 @@
 //! Reads back GLBs that tests wrote.
+#![allow(dead_code)] // each test file uses its own share
 
 use serde_json::Value;
 

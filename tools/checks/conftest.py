@@ -109,6 +109,15 @@ def reference() -> Path:
 
 
 @pytest.fixture(scope="session")
+def scenes() -> Path:
+    """The folder with real scenes; skips where it is absent."""
+    folder = Path(os.environ.get("LUMEL_REFERENCE", ROOT.parent / "shared")) / "scenes"
+    if not folder.is_dir():
+        pytest.skip(f"no scenes in {folder} (LUMEL_REFERENCE names the folder above)")
+    return folder.resolve()
+
+
+@pytest.fixture(scope="session")
 def pictures() -> Path:
     """Where pictures for people are kept, below the ignored `target`."""
     folder = ROOT / "target" / "pictures"

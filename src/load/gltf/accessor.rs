@@ -20,6 +20,7 @@ struct Elements<'a> {
 }
 
 /// Numbers of an accessor, `width` an element.
+#[derive(Debug)]
 pub(super) struct Floats {
     width: usize,
     values: Vec<f32>,
@@ -31,8 +32,18 @@ impl Floats {
         self.values.len() / self.width.max(1)
     }
 
+    /// The components of element `index`; none where it is out of range.
+    pub fn row(&self, index: usize) -> &[f32] {
+        self.values.get(index * self.width..(index + 1) * self.width).unwrap_or_default()
+    }
+
+    /// All components, one element after the other.
+    pub fn into_values(self) -> Vec<f32> {
+        self.values
+    }
+
     /// The elements; those with fewer than `N` components are filled up with `fill`.
-    pub fn rows<const N: usize>(&self, fill: f32) -> impl Iterator<Item = [f32; N]> + '_ {
+    pub fn rows<const N: usize>(&self, fill: f32) -> impl ExactSizeIterator<Item = [f32; N]> + '_ {
         self.values.chunks_exact(self.width).map(move |row| {
             let mut out = [fill; N];
             for (out, &value) in out.iter_mut().zip(row) {
@@ -49,6 +60,16 @@ pub(super) fn count(document: &Document, index: usize) -> Result<usize> {
     Ok(usize::try_from(accessor.count.0).unwrap_or(usize::MAX))
 }
 
+/// Checks that an accessor is of type `kind` and lies within its data, without reading it.
+pub(super) fn check(document: &Document, index: usize, kind: Type) -> Result<()> {
+    let place = document.place("accessors", index);
+    let accessor: json::accessor::Accessor = document.item("accessors", index)?;
+    if accessor.type_ != Checked::Valid(kind) {
+        return Err(Error::invalid(place, "has the wrong type for its use; export the file again"));
+    }
+    Elements::new(document, &accessor, kind.multiplicity(), false, &place).map(drop)
+}
+
 /// The elements of an accessor whose type is one of `types`, as floats; normalized integers lie in -1..=1, other integers
 /// are numbers (KHR_mesh_quantization). `colors`: integers are always normalized.
 pub(super) fn floats(document: &Document, index: usize, types: &[Type], colors: bool) -> Result<Floats> {
@@ -61,7 +82,7 @@ pub(super) fn floats(document: &Document, index: usize, types: &[Type], colors: 
     let width = kind.multiplicity();
     let elements = Elements::new(document, &accessor, width, colors, &place)?;
     let mut values = match elements.view {
-        Some(_) => elements.rows().flat_map(|row| elements.floats(row)).collect(),
+        Some(_) => elements.all_floats(),
         None => vec![0.0; elements.count * width],
     };
     if let Some(sparse) = &accessor.sparse {
@@ -86,7 +107,7 @@ pub(super) fn indices(document: &Document, index: usize) -> Result<Vec<u32>> {
         return Err(Error::invalid(place, "holds indices, but is no unsigned scalar; export the file again"));
     }
     let mut values = match elements.view {
-        Some(_) => elements.rows().map(unsigned).collect(),
+        Some(_) => elements.all_unsigned(),
         None => vec![0; elements.count],
     };
     if let Some(sparse) = &accessor.sparse {
@@ -185,6 +206,36 @@ impl<'a> Elements<'a> {
         let (stride, size) = (self.stride(), self.size());
         let bytes = self.view.map_or(&[][..], |v| v.bytes);
         (0..self.count).filter_map(move |i| bytes.get(i * stride..i * stride + size))
+    }
+
+    /// The components of all elements.
+    fn all_floats(&self) -> Vec<f32> {
+        let mut values = Vec::with_capacity(self.count * self.width);
+        if self.component == ComponentType::F32 {
+            for row in self.rows() {
+                values.extend(row.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)));
+            }
+        } else {
+            for row in self.rows() {
+                values.extend(self.floats(row));
+            }
+        }
+        values
+    }
+
+    /// All elements, each an unsigned integer.
+    fn all_unsigned(&self) -> Vec<u32> {
+        let mut values = Vec::with_capacity(self.count);
+        match self.component {
+            ComponentType::U32 => {
+                values.extend(self.rows().filter_map(|row| Some(u32::from_le_bytes(*row.first_chunk()?))));
+            }
+            ComponentType::U16 => {
+                values.extend(self.rows().filter_map(|row| Some(u32::from(u16::from_le_bytes(*row.first_chunk()?)))));
+            }
+            _ => values.extend(self.rows().map(unsigned)),
+        }
+        values
     }
 
     /// The components of an element.

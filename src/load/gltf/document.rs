@@ -1,11 +1,12 @@
 //! The container and the JSON document: chunks, buffers, and typed access to single items.
 
-use super::extension;
 use super::uri::{Resource, resolve};
+use super::{extension, meshopt, variant};
 use crate::error::{Error, Result, Warnings};
 use ::gltf::json;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// A glTF file with its buffers.
@@ -28,17 +29,19 @@ pub(super) struct View<'a> {
 }
 
 impl Document {
-    /// Reads the file and its buffers, and refuses what can't be read (see [`extension::check`]).
-    pub fn open(path: &Path, warnings: &mut Warnings) -> Result<Self> {
+    /// Reads the file and its buffers, and refuses what can't be read (see [`extension::check`]). Compressed views are
+    /// decoded, and the materials of `variants` stand in the place of the default ones.
+    pub fn open(path: &Path, variants: &[String], warnings: &mut Warnings) -> Result<Self> {
         let place = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
-        let (json, bin) = if bytes.starts_with(b"glTF") { chunks(&bytes, &place)? } else { (bytes.as_slice(), None) };
+        let mut bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+        let (json, bin) = if bytes.starts_with(b"glTF") { chunks(&bytes, &place)? } else { (0..bytes.len(), None) };
+        let json = bytes.get(json).unwrap_or_default();
         // The specification forbids a byte order mark and allows readers to skip it.
         let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
         if json.is_empty() {
             return Err(Error::invalid(&place, "the file is empty; export it again"));
         }
-        let json: Value = serde_json::from_slice(json)
+        let mut json: Value = serde_json::from_slice(json)
             .map_err(|e| Error::invalid(&place, format!("not a glTF document: {e}; export it again")))?;
         let version = json.pointer("/asset/version").and_then(Value::as_str);
         match version {
@@ -51,9 +54,20 @@ impl Document {
             }
         }
         extension::check(&json, &place, warnings)?;
+        extension::forget_draco_copies(&mut json);
+        variant::choose(&mut json, variants, &place)?;
+        // The file's own memory becomes that of buffer 0: a copy would be as large as the geometry.
+        let bin = bin.map(|range| {
+            bytes.truncate(range.end);
+            bytes.drain(..range.start.min(bytes.len()));
+            bytes
+        });
         let mut document =
             Self { path: path.to_owned(), json, buffers: Vec::new(), inputs: vec![path.to_owned()], place };
         document.read_buffers(bin)?;
+        if meshopt::is_used(&document.json) {
+            meshopt::decompress(&mut document)?;
+        }
         Ok(document)
     }
 
@@ -105,11 +119,18 @@ impl Document {
         Ok(View { bytes, stride: view.byte_stride.map(|s| s.0).filter(|&s| s > 0) })
     }
 
-    fn read_buffers(&mut self, bin: Option<&[u8]>) -> Result<()> {
+    fn read_buffers(&mut self, mut bin: Option<Vec<u8>>) -> Result<()> {
+        let compressed = meshopt::is_used(&self.json);
         for index in 0..self.count("buffers") {
             let buffer: json::buffer::Buffer = self.item("buffers", index)?;
             let place = self.place("buffers", index);
-            let mut bytes = match (&buffer.uri, bin) {
+            let chunk = bin.take().filter(|_| index == 0);
+            let in_json = self.json.get("buffers").and_then(|b| b.get(index));
+            if compressed && (in_json.is_some_and(meshopt::is_fallback) || (buffer.uri.is_none() && chunk.is_none())) {
+                self.buffers.push(Vec::new());
+                continue;
+            }
+            let mut bytes = match (&buffer.uri, chunk) {
                 (Some(uri), _) => match resolve(&self.path, uri, &place)? {
                     Resource::Bytes(bytes) => bytes,
                     Resource::File(file) => {
@@ -118,13 +139,10 @@ impl Document {
                         bytes
                     }
                 },
-                (None, Some(bin)) if index == 0 => bin.to_vec(),
-                (None, _) if buffer.extensions.is_some_and(|e| e.others.keys().any(|k| k.contains("meshopt"))) => {
-                    let message =
-                        "is compressed with EXT_meshopt_compression, which can't be read; export it uncompressed";
-                    return Err(Error::unsupported(place, message));
+                (None, Some(bin)) => bin,
+                (None, None) => {
+                    return Err(Error::invalid(place, "has neither a URI nor a GLB chunk; export it again"));
                 }
-                (None, _) => return Err(Error::invalid(place, "has neither a URI nor a GLB chunk; export it again")),
             };
             let length = usize::try_from(buffer.byte_length.0).ok().filter(|&l| l <= bytes.len());
             let length = length.ok_or_else(|| {
@@ -142,9 +160,9 @@ impl Document {
     }
 }
 
-/// The JSON and BIN chunks of a GLB (glTF 2.0 section 4.4). Unknown chunks are skipped, as the specification asks; the
+/// Where the JSON and BIN chunks of a GLB are (glTF 2.0 section 4.4). Unknown chunks are skipped, as the specification asks; the
 /// `gltf` crate's parser refuses them, and trusts the header's length.
-fn chunks<'a>(bytes: &'a [u8], place: &str) -> Result<(&'a [u8], Option<&'a [u8]>)> {
+fn chunks(bytes: &[u8], place: &str) -> Result<(Range<usize>, Option<Range<usize>>)> {
     let cut = || Error::invalid(place, "the GLB is cut off; export or copy it again");
     let word = |at: usize| {
         let bytes = bytes.get(at..at.checked_add(4)?)?;
@@ -161,10 +179,9 @@ fn chunks<'a>(bytes: &'a [u8], place: &str) -> Result<(&'a [u8], Option<&'a [u8]
         let (size, kind) = (word(at).ok_or_else(cut)?, bytes.get(at + 4..at + 8).ok_or_else(cut)?);
         let start = at + 8;
         let end = start.checked_add(size).filter(|&end| end <= length).ok_or_else(cut)?;
-        let data = bytes.get(start..end).ok_or_else(cut)?;
         match kind {
-            b"JSON" if json.is_none() => json = Some(data),
-            b"BIN\0" if bin.is_none() => bin = Some(data),
+            b"JSON" if json.is_none() => json = Some(start..end),
+            b"BIN\0" if bin.is_none() => bin = Some(start..end),
             _ => {}
         }
         at = end;

@@ -1,4 +1,5 @@
-//! KHR_lights_punctual: point and spot lights in candela, directional ones in lux.
+//! KHR_lights_punctual: point and spot lights in candela, directional ones in lux. EXT_lights_area (draft): rectangles and
+//! disks in nit.
 
 use super::document::Document;
 use super::node::PlacedNode;
@@ -8,6 +9,8 @@ use crate::scene::{Light, LightShape};
 use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
 use ::gltf::json::validation::Checked;
 use glam::DVec3;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use std::f32::consts::FRAC_PI_2;
 
 /// The lights of the placed nodes. Lights shine along -Z of their node; its scale doesn't change their strength.
@@ -17,20 +20,112 @@ use std::f32::consts::FRAC_PI_2;
 pub(super) fn lights(document: &Document, nodes: &[PlacedNode], warnings: &mut Warnings) -> Result<Vec<Light>> {
     let mut lights = Vec::new();
     for node in nodes {
-        let Some(index) = node.light else { continue };
-        let list = document.json.pointer("/extensions/KHR_lights_punctual/lights");
-        let light = list.and_then(|l| l.get(index)).ok_or_else(|| {
-            let message = format!("names light {index}, which isn't there; export the file again");
-            Error::invalid(document.place("nodes", node.index), message)
-        })?;
-        let light: punctual::Light = document.parse(light, "nodes", node.index)?;
-        if let Some(shape) = shape(&light, node, warnings) {
+        let mut add = |shape| {
             let light = Light::new(&node.name, shape);
             let world_from_light = super::profile::axes(node).unwrap_or(light.world_from_light);
             lights.push(Light { world_from_light, gltf_node: Some(node.index), ..light });
+        };
+        if let Some(index) = node.light {
+            let light: punctual::Light = item(document, "KHR_lights_punctual", index, node)?;
+            shape(&light, node, warnings).into_iter().for_each(&mut add);
+        }
+        if let Some(index) = node.area_light {
+            let light: AreaLight = item(document, "EXT_lights_area", index, node)?;
+            area_shape(&light, node, warnings).into_iter().for_each(&mut add);
         }
     }
     Ok(lights)
+}
+
+/// Light `index` of those of `extension`, which `node` names.
+fn item<T: DeserializeOwned>(document: &Document, extension: &str, index: usize, node: &PlacedNode) -> Result<T> {
+    let light = document.json.get("extensions").and_then(|e| e.get(extension)?.get("lights")?.get(index));
+    let light = light.ok_or_else(|| {
+        let message = format!("names light {index} of {extension}, which isn't there; export the file again");
+        Error::invalid(document.place("nodes", node.index), message)
+    })?;
+    document.parse(light, "nodes", node.index)
+}
+
+/// A light of EXT_lights_area.
+#[derive(Deserialize)]
+struct AreaLight {
+    #[serde(default = "white")]
+    color: [f32; 3],
+    /// Luminance [nit].
+    #[serde(default = "thousand")]
+    intensity: f32,
+    #[serde(rename = "type")]
+    kind: String,
+    /// Height of a rectangle or diameter of a disk [the node's units].
+    #[serde(default = "one")]
+    size: f32,
+    #[serde(default)]
+    rect: Rect,
+}
+
+/// The shape of a rectangle: its width over its height.
+#[derive(Deserialize)]
+#[serde(default)]
+struct Rect {
+    aspect: f32,
+}
+
+impl Default for Rect {
+    fn default() -> Self {
+        Self { aspect: 1.0 }
+    }
+}
+
+fn white() -> [f32; 3] {
+    [1.0; 3]
+}
+
+fn thousand() -> f32 {
+    1000.0
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// The area light in world space, scaled by the largest of its node's scales; `None`, with a warning, where it can't shine.
+fn area_shape(light: &AreaLight, node: &PlacedNode, warnings: &mut Warnings) -> Option<LightShape> {
+    let radiance = Rgb::from_array(light.color).max(Rgb::ZERO) * light.intensity;
+    if !radiance.is_finite() || radiance.max_element() <= 0.0 {
+        warnings.add(&node.name, "the light has no positive, finite intensity and was left out");
+        return None;
+    }
+    let world = node.world_from_local;
+    let scale = [world.matrix3.x_axis, world.matrix3.y_axis, world.matrix3.z_axis].map(DVec3::length);
+    let scale = scale.into_iter().fold(0.0, f64::max);
+    let half = f64::from(light.size) / 2.0 * scale;
+    // The rotation alone, whatever the scales are: -Z, and Y as far as it is upright to it.
+    let forward = world.matrix3.z_axis.normalize_or_zero();
+    let up = world.matrix3.y_axis.reject_from_normalized(forward).normalize_or_zero();
+    let across = up.cross(forward);
+    let (width, height) = (half * f64::from(light.rect.aspect), half);
+    let valid = width > 0.0 && height > 0.0 && width.is_finite() && height.is_finite();
+    if !valid || across == DVec3::ZERO || !world.translation.is_finite() {
+        warnings.add(&node.name, "the light has no area, or its transform is not invertible; it was left out");
+        return None;
+    }
+    let center = world.translation.as_vec3();
+    let axes = |u: f64, v: f64| ((across * u).as_vec3(), (up * v).as_vec3());
+    match light.kind.as_str() {
+        "rect" => {
+            let (u, v) = axes(width, height);
+            Some(LightShape::Rect { center, u, v, radiance })
+        }
+        "disk" => {
+            let (u, v) = axes(half, half);
+            Some(LightShape::Disk { center, u, v, radiance })
+        }
+        _ => {
+            warnings.add(&node.name, "the light is of an unknown type and was left out");
+            None
+        }
+    }
 }
 
 /// The light in world space; `None`, with a warning, where it can't shine.

@@ -1,11 +1,13 @@
-//! Materials: the diffuse albedo and the emission of metallic-roughness, specular-glossiness and unlit materials.
+//! Materials: the diffuse albedo, emission, opacity and transmission of metallic-roughness, specular-glossiness and unlit
+//! materials; `extension` tables what is done with each extension.
 //!
 //! Albedo = base colour factor x texture (x vertex colour, later). A metal has no diffuse part, but it does send light
 //! on; its base colour stands in as a diffuse albedo, which keeps the energy and the tint, and is said.
 
 use super::document::Document;
 use super::mesh::{default_material, uv_name};
-use super::texture::{Images, image, wrap};
+use super::texture::{Images, image, missing_message, read_picture, wrap};
+use super::transmission::Transmission;
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
 use crate::scene::{Alpha, Material, Mesh, Texture, TextureSlot};
@@ -24,6 +26,7 @@ struct Source {
     /// Base or diffuse colour, linear RGBA.
     color: Vec4,
     color_texture: Option<Info>,
+    transmission: Option<Transmission>,
 }
 
 /// The scene's materials, one for each of the document and, where a mesh needs it, the default one at the end; the
@@ -40,11 +43,11 @@ pub(super) fn materials(
         sources.push(Source::read(document, index, warnings)?);
     }
     let infos = sources.iter().flat_map(|s| s.color_texture.iter().chain(s.emission_texture()));
-    let images = Images::read(document, infos.map(|i| i.index.value()), warnings);
+    let mut images = Images::read(document, infos.map(|i| i.index.value()), warnings);
 
     let mut materials = vec![Material::default(); default];
     for source in &sources {
-        let material = source.convert(document, &images, warnings);
+        let material = source.convert(document, &mut images, warnings);
         warn_missing_uvs(document, source.index, &material, meshes, warnings);
         if let Some(place) = materials.get_mut(source.index) {
             *place = material;
@@ -95,7 +98,9 @@ impl Source {
         if color != within {
             warnings.add(&place, "colour factors must lie in 0..1; they were clamped");
         }
-        Ok(Self { index, material, color: within, color_texture })
+        let metallic = if unlit || specular_glossiness.is_some() { 0.0 } else { pbr.metallic_factor.0 };
+        let transmission = Transmission::read(document, index, metallic)?;
+        Ok(Self { index, material, color: within, color_texture, transmission })
     }
 
     /// The emission's texture, where it has an effect.
@@ -103,7 +108,7 @@ impl Source {
         self.material.emissive_texture.as_ref().filter(|_| self.material.emissive_factor.0.iter().any(|&v| v > 0.0))
     }
 
-    fn convert(&self, document: &Document, images: &Images, warnings: &mut Warnings) -> Material {
+    fn convert(&self, document: &Document, images: &mut Images, warnings: &mut Warnings) -> Material {
         let source = &self.material;
         let place = document.place("materials", self.index);
         let mut slot = |info: &Info| slot(document, images, info, &place, warnings);
@@ -124,7 +129,7 @@ impl Source {
             Checked::Valid(AlphaMode::Blend) => Alpha::Blend { opacity },
             Checked::Valid(AlphaMode::Opaque) | Checked::Invalid => Alpha::Opaque,
         };
-        Material {
+        let mut material = Material {
             name: source.name.clone().unwrap_or_else(|| format!("material_{}", self.index)),
             albedo: self.color.truncate(),
             albedo_texture,
@@ -132,7 +137,16 @@ impl Source {
             emission_texture,
             double_sided: source.double_sided,
             alpha,
+            ..Material::default()
+        };
+        if let Some(transmission) = &self.transmission {
+            let pictures = transmission.pictures(|info, space| {
+                let picture = read_picture(document, info.index.value(), space, &mut images.files, warnings)?;
+                Some((picture, placement(document, info, 0, &place, warnings)))
+            });
+            transmission.apply(&pictures, &mut material, &mut images.textures, &place, warnings);
         }
+        material
     }
 }
 
@@ -147,10 +161,16 @@ fn slot(
     let texture = info.index.value();
     let Some(index) = images.of(document, texture) else {
         if image(document, texture).is_none() {
-            warnings.add(place, "the texture has no image that can be read (PNG or JPEG); the factor alone was used");
+            warnings.add(place, missing_message(document, texture));
         }
         return None;
     };
+    Some(placement(document, info, index, place, warnings))
+}
+
+/// Where texture `index` of the scene lies on meshes.
+fn placement(document: &Document, info: &Info, index: usize, place: &str, warnings: &mut Warnings) -> TextureSlot {
+    let texture = info.index.value();
     let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
     let set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
     let mut slot = TextureSlot::new(index, uv_name(set));
@@ -165,12 +185,13 @@ fn slot(
             warnings.add(place, "the texture transform is not finite and was left out");
         }
     }
-    Some(slot)
+    slot
 }
 
 /// Names materials whose textures can't be placed on a mesh that uses them.
 fn warn_missing_uvs(document: &Document, index: usize, material: &Material, meshes: &[Mesh], warnings: &mut Warnings) {
-    for slot in material.albedo_texture.iter().chain(&material.emission_texture) {
+    let slots = [&material.albedo_texture, &material.emission_texture, &material.transmission_texture];
+    for slot in slots.into_iter().flatten() {
         for mesh in meshes.iter().filter(|m| m.uv_set(&slot.uv_set).is_none()) {
             if mesh.triangle_material.iter().any(|&m| m as usize == index) {
                 let place = format!("{} on {}", document.place("materials", index), mesh.name);

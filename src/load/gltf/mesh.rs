@@ -1,7 +1,13 @@
-//! Meshes: all primitives of a glTF mesh merged into one triangle mesh.
+//! Meshes: all primitives of a glTF mesh merged into one triangle mesh, in the shape that a node gives it.
+//!
+//! Morph targets are added, then a skin moves the vertices. Nodes that show a mesh in one shape share it; a skin, or other
+//! weights, make it another mesh of the scene.
 
 use super::accessor;
 use super::document::Document;
+use super::extension;
+use super::morph;
+use super::skin::{Influences, Skin};
 use crate::error::{Error, Result, Warnings};
 use crate::scene::{Mesh, TriangleOrigin, UvSet};
 use ::gltf::Semantic;
@@ -10,32 +16,43 @@ use ::gltf::json::accessor::Type;
 use ::gltf::json::mesh::Mode;
 use ::gltf::json::validation::Checked;
 use glam::{Vec2, Vec3, Vec4};
+use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Most vertices, and most triangles, of all meshes together. Primitives may share data, so that a small file can ask for
 /// any number of them.
 const MAX_ELEMENTS: usize = 1 << 27;
 
-/// Reads meshes on first use; each is read once.
+/// Reads meshes on first use; each is read once in each shape.
 pub(super) struct MeshReader<'a> {
     document: &'a Document,
-    /// Index into `meshes` of each mesh of the document that was read.
-    read: HashMap<usize, usize>,
+    /// Index into `meshes` of each mesh of the document that was read, by the bits of its weights and its skin.
+    read: HashMap<(usize, Vec<u32>, Option<usize>), usize>,
     meshes: Vec<Mesh>,
     /// Vertices and triangles so far.
     vertices: usize,
     triangles: usize,
 }
 
-/// The accessors of a primitive's attributes.
-type Attributes = Vec<(Checked<Semantic>, usize)>;
+/// The accessors of a primitive's attributes, and its morph targets.
+type Attributes = (Vec<(Checked<Semantic>, usize)>, String);
 
 /// The vertices of a primitive; missing attributes are empty.
-struct Vertices {
-    positions: Vec<Vec3>,
-    normals: Vec<Vec3>,
-    colors: Vec<Vec4>,
-    uvs: BTreeMap<u32, Vec<Vec2>>,
+#[derive(Default)]
+pub(super) struct Vertices {
+    pub positions: Vec<Vec3>,
+    pub normals: Vec<Vec3>,
+    pub colors: Vec<Vec4>,
+    pub uvs: BTreeMap<u32, Vec<Vec2>>,
+    /// Whether the skin mirrors a vertex.
+    mirrored: Vec<bool>,
+}
+
+/// How a node shapes its mesh.
+struct Shape<'a> {
+    /// Of the morph targets; those beyond its end are 0.
+    weights: &'a [f32],
+    skin: Option<&'a Skin>,
 }
 
 /// The index that stands for the material of primitives that name none, which follows the document's own.
@@ -53,19 +70,35 @@ impl<'a> MeshReader<'a> {
         self.meshes
     }
 
-    /// The scene's index of mesh `index` of the document.
-    pub fn read(&mut self, index: usize, warnings: &mut Warnings) -> Result<usize> {
-        if let Some(&known) = self.read.get(&index) {
+    /// The scene's index of mesh `index` of the document, morphed by `weights` (empty: by its own) and moved by `skin`.
+    pub fn read(
+        &mut self,
+        index: usize,
+        weights: &[f32],
+        skin: Option<&Skin>,
+        warnings: &mut Warnings,
+    ) -> Result<usize> {
+        let source: json::Mesh = self.document.item("meshes", index)?;
+        let is_morphed = source.primitives.iter().any(|p| p.targets.as_ref().is_some_and(|t| !t.is_empty()));
+        let own = source.weights.as_deref().unwrap_or_default();
+        let weights = if !is_morphed {
+            &[]
+        } else if weights.is_empty() {
+            own
+        } else {
+            weights
+        };
+        let key = (index, weights.iter().map(|w| w.to_bits()).collect(), skin.map(|s| s.index));
+        if let Some(&known) = self.read.get(&key) {
             return Ok(known);
         }
-        let mesh = self.mesh(index, warnings)?;
+        let mesh = self.mesh(index, &source, &Shape { weights, skin }, warnings)?;
         self.meshes.push(mesh);
-        self.read.insert(index, self.meshes.len() - 1);
+        self.read.insert(key, self.meshes.len() - 1);
         Ok(self.meshes.len() - 1)
     }
 
-    fn mesh(&mut self, index: usize, warnings: &mut Warnings) -> Result<Mesh> {
-        let source: json::Mesh = self.document.item("meshes", index)?;
+    fn mesh(&mut self, index: usize, source: &json::Mesh, shape: &Shape, warnings: &mut Warnings) -> Result<Mesh> {
         let place = self.document.place("meshes", index);
         let name = source.name.clone().filter(|n| !n.is_empty()).unwrap_or_else(|| format!("mesh_{index}"));
         let mut mesh = Mesh { name, ..Mesh::default() };
@@ -74,43 +107,38 @@ impl<'a> MeshReader<'a> {
         let has_normals = |p: &json::mesh::Primitive| p.attributes.contains_key(&Checked::Valid(Semantic::Normals));
         let any_normals = source.primitives.iter().any(has_normals);
         // Exporters often let primitives share their vertices and differ in indices alone; so they do here.
-        let mut shared: BTreeMap<Attributes, (usize, usize)> = BTreeMap::new();
-        if source.primitives.iter().any(|p| p.targets.as_ref().is_some_and(|t| !t.is_empty())) {
-            warnings.add(&place, "morph targets are not applied; the base shape was baked");
-        }
+        let mut shared: BTreeMap<Attributes, (usize, usize, Vec<bool>)> = BTreeMap::new();
         for (part, primitive) in source.primitives.iter().enumerate() {
             let place = format!("{place} primitive {part}");
             let Some(corners) = self.corners(primitive, &place, warnings)? else { continue };
             let flat = any_normals && !has_normals(primitive);
-            let key: Attributes = primitive.attributes.iter().map(|(k, v)| (k.clone(), v.value())).collect();
-            let known = shared.get(&key).copied().filter(|_| !flat);
-            let (first, count) = match known {
+            let targets = self.targets(index, part);
+            let attributes = primitive.attributes.iter().map(|(k, v)| (k.clone(), v.value())).collect();
+            let key: Attributes =
+                (attributes, targets.map_or_else(String::new, |t| Value::from(t.to_vec()).to_string()));
+            let known = shared.get(&key).cloned().filter(|_| !flat);
+            let (first, count, mirrored) = match known {
                 Some(range) => range,
                 None => {
-                    let vertices = self.vertices(primitive, &place)?;
+                    let vertices = self.vertices(primitive, targets.unwrap_or_default(), shape, &place)?;
                     let count = vertices.positions.len();
                     check_range(&corners, count, &place)?;
+                    let mirrored = vertices.mirrored.clone();
                     let vertices = if flat { vertices.flat(&corners) } else { vertices };
                     let first = mesh.positions.len();
                     self.vertices += vertices.positions.len();
                     append(&mut mesh, &mut sets, vertices);
-                    shared.insert(key, (first, count));
-                    (first, count)
+                    shared.insert(key, (first, count, mirrored.clone()));
+                    (first, count, mirrored)
                 }
             };
             check_range(&corners, count, &place)?;
-            for (face, &triangle) in corners.iter().enumerate() {
-                let face = face as u32;
-                let vertex =
-                    |k: usize| if flat { first as u32 + 3 * face + k as u32 } else { first as u32 + triangle[k] };
-                mesh.triangles.push([vertex(0), vertex(1), vertex(2)]);
-                mesh.origin.push(TriangleOrigin { part: part as u32, face, corners: triangle });
-            }
             let material = primitive.material.map_or(default_material(self.document), |m| m.value());
             if material >= default_material(self.document) && primitive.material.is_some() {
                 let message = format!("names material {material}, which isn't there; export the file again");
                 return Err(Error::invalid(place, message));
             }
+            add_triangles(&mut mesh, part, &corners, first, flat, &mirrored);
             mesh.triangle_material.resize(mesh.triangles.len(), material as u32);
         }
         let vertices = mesh.positions.len();
@@ -121,6 +149,12 @@ impl<'a> MeshReader<'a> {
         }
         repair_normals(&mut mesh);
         Ok(mesh)
+    }
+
+    /// The morph targets of a primitive as they stand in the document: the crate's type knows three attributes alone.
+    fn targets(&self, mesh: usize, primitive: usize) -> Option<&'a [Value]> {
+        let mesh = self.document.json.get("meshes")?.get(mesh)?;
+        mesh.get("primitives")?.get(primitive)?.get("targets")?.as_array().map(Vec::as_slice)
     }
 
     /// The triangles of a primitive as vertex indices; `None`, with a warning, where it has none to bake.
@@ -145,8 +179,7 @@ impl<'a> MeshReader<'a> {
         let draco = primitive.extensions.as_ref().is_some_and(|e| e.others.contains_key("KHR_draco_mesh_compression"));
         let accessor: json::Accessor = self.document.item("accessors", positions.value())?;
         if draco && accessor.buffer_view.is_none() {
-            let message = "is compressed with KHR_draco_mesh_compression, which can't be read; export it uncompressed";
-            return Err(Error::unsupported(place, message));
+            return Err(Error::unsupported(place, extension::DRACO_MESSAGE));
         }
         let source = primitive.indices.unwrap_or(positions);
         let count = accessor::count(self.document, source.value())?;
@@ -156,7 +189,7 @@ impl<'a> MeshReader<'a> {
             Some(indices) => accessor::indices(self.document, indices.value())?,
             // The accessor itself is checked when its positions are read, before these are used.
             None => {
-                accessor::floats(self.document, positions.value(), &[Type::Vec3], false)?;
+                accessor::check(self.document, positions.value(), Type::Vec3)?;
                 (0..count as u32).collect()
             }
         };
@@ -166,9 +199,40 @@ impl<'a> MeshReader<'a> {
         Ok(Some(triangulate(mode, &indices)))
     }
 
-    fn vertices(&self, primitive: &json::mesh::Primitive, place: &str) -> Result<Vertices> {
-        let mut vertices =
-            Vertices { positions: Vec::new(), normals: Vec::new(), colors: Vec::new(), uvs: BTreeMap::new() };
+    /// The vertices of a primitive in `shape`.
+    fn vertices(
+        &self,
+        primitive: &json::mesh::Primitive,
+        targets: &[Value],
+        shape: &Shape,
+        place: &str,
+    ) -> Result<Vertices> {
+        let mut vertices = self.base_vertices(primitive, place)?;
+        morph::apply(self.document, targets, shape.weights, &mut vertices, place)?;
+        if let Some(skin) = shape.skin {
+            let influences = self.influences(primitive)?;
+            vertices.mirrored = skin.apply(&influences, &mut vertices.positions, &mut vertices.normals, place)?;
+        }
+        Ok(vertices)
+    }
+
+    /// The joints of a primitive's vertices and their weights.
+    fn influences(&self, primitive: &json::mesh::Primitive) -> Result<Influences> {
+        let mut influences = Influences::default();
+        let read = |index: usize| accessor::floats(self.document, index, &[Type::Vec4], false);
+        for (semantic, index) in &primitive.attributes {
+            match semantic {
+                Checked::Valid(Semantic::Joints(set)) => influences.joints.push((*set, read(index.value())?)),
+                Checked::Valid(Semantic::Weights(set)) => influences.weights.push((*set, read(index.value())?)),
+                _ => {}
+            }
+        }
+        Ok(influences)
+    }
+
+    /// The vertices of a primitive as its attributes have them.
+    fn base_vertices(&self, primitive: &json::mesh::Primitive, place: &str) -> Result<Vertices> {
+        let mut vertices = Vertices::default();
         let mut lengths = BTreeSet::new();
         for (semantic, index) in &primitive.attributes {
             let Checked::Valid(semantic) = semantic else { continue };
@@ -257,6 +321,21 @@ fn check_range(corners: &[[u32; 3]], count: usize, place: &str) -> Result<()> {
     }
 }
 
+/// Adds the triangles of primitive `part`, whose vertices start at `first` of the mesh; `flat`: three of them a triangle.
+/// Triangles that the skin mirrors are turned round, so that their front stays in front.
+fn add_triangles(mesh: &mut Mesh, part: usize, corners: &[[u32; 3]], first: usize, flat: bool, mirrored: &[bool]) {
+    mesh.triangles.reserve(corners.len());
+    mesh.origin.reserve(corners.len());
+    for (face, &triangle) in corners.iter().enumerate() {
+        let face = face as u32;
+        let vertex = |k: usize| if flat { first as u32 + 3 * face + k as u32 } else { first as u32 + triangle[k] };
+        let is_mirrored = mirrored.get(triangle[0] as usize).is_some_and(|m| *m);
+        let order = if is_mirrored { [0, 2, 1] } else { [0, 1, 2] };
+        mesh.triangles.push(order.map(vertex));
+        mesh.origin.push(TriangleOrigin { part: part as u32, face, corners: order.map(|k| triangle[k]) });
+    }
+}
+
 /// Adds the vertices of a primitive; what earlier primitives lack is filled in.
 fn append(mesh: &mut Mesh, sets: &mut BTreeMap<u32, Vec<Vec2>>, vertices: Vertices) {
     let first = mesh.positions.len();
@@ -280,9 +359,12 @@ impl Vertices {
             corners.iter().flatten().filter_map(|&v| from.get(v as usize).copied()).collect()
         }
         let positions = pick(&self.positions, corners);
-        let normals = positions.as_chunks().0.iter().flat_map(|t| [face_normal(t); 3]).collect();
+        let turned = |c: &[u32; 3]| self.mirrored.get(c[0] as usize).is_some_and(|m| *m);
+        let sides = corners.iter().map(|c| if turned(c) { -1.0 } else { 1.0 });
+        let triangles = positions.as_chunks().0.iter();
+        let normals = triangles.zip(sides).flat_map(|(t, side)| [face_normal(t) * side; 3]).collect();
         let uvs = self.uvs.iter().map(|(&set, coords)| (set, pick(coords, corners))).collect();
-        Self { normals, colors: pick(&self.colors, corners), uvs, positions }
+        Self { normals, colors: pick(&self.colors, corners), uvs, positions, mirrored: Vec::new() }
     }
 }
 

@@ -4,21 +4,29 @@
 //! cameras, unknown extensions) can't make it fail; accessors, buffers and images are decoded here, with every offset and
 //! count checked before memory is taken.
 //!
-//! What is read: node trees, triangles of every kind, sparse and quantized accessors, base colour and emission with
-//! their textures, lights, light profiles, projectors, instances. Limits: skins and morph targets stay in their bind pose, Draco and meshopt
-//! compression are refused; each is said.
+//! What is read: node trees, triangles of every kind, sparse, quantized and meshopt-compressed accessors, morph targets and
+//! skins at rest or at a moment of an animation, base colour, emission, opacity and transmission with their textures and
+//! variants, lights, light profiles, projectors, the sky, instances. Limits: Draco and Basis Universal can't be decoded; each is said. The table of
+//! `extension` has the rest.
 
 mod accessor;
+mod animation;
 mod document;
+mod environment;
 mod extension;
 mod light;
 mod material;
 mod mesh;
+mod meshopt;
+mod morph;
 mod node;
 mod profile;
 mod projector;
+mod skin;
 mod texture;
+mod transmission;
 pub(crate) mod uri;
+mod variant;
 
 use super::{LoadOptions, Loaded, Source};
 use crate::error::{Result, Warnings};
@@ -26,7 +34,8 @@ use crate::scene::{Scene, Surface, SurfaceOrigin};
 use document::Document;
 use std::path::{Path, PathBuf};
 
-/// The document as it was read, for a writer that keeps everything untouched.
+/// The document for a writer that keeps everything untouched: as it was read, but for compressed views, which stand
+/// decoded, and the materials of chosen variants, which are the primitives' own.
 #[derive(Debug)]
 pub struct GltfSource {
     pub path: PathBuf,
@@ -36,19 +45,21 @@ pub struct GltfSource {
     pub buffers: Vec<Vec<u8>>,
 }
 
-/// Reads a .gltf or .glb.
+/// Reads a .gltf or .glb, at rest or at the moment of `options`.
 ///
 /// Each node with a mesh becomes a surface, its mesh's primitives merged into one; `Scene::meshes` holds only meshes that
-/// are used. Materials keep their index; one is added at the end for primitives that name none.
+/// are used, once for each shape that morph weights and skins give them (skinned ones in world space). Materials keep their index; one is added at the end for primitives that name none.
 ///
 /// # Errors
-/// `Io` where the file or a buffer can't be read, `Invalid` where it is broken, `Unsupported` where it needs an
+/// `Io` where the file or a buffer can't be read, `Invalid` where it is broken or lacks an animation or variant that is asked
+/// for, `Unsupported` where it needs an
 /// extension that changes geometry and isn't read. Each names the file and the item. Pictures that can't be read are
 /// warnings.
-pub fn load(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let mut warnings = Warnings::default();
-    let mut document = Document::open(path, &mut warnings)?;
-    let nodes = node::flatten(&document, &mut warnings)?;
+    let mut document = Document::open(path, &options.variants, &mut warnings)?;
+    let pose = animation::pose(&document, options, &mut warnings)?;
+    let nodes = node::flatten(&document, &pose, &mut warnings)?;
     let mut lights = light::lights(&document, &nodes, &mut warnings)?;
     let profiles = profile::lights(&document, &nodes, &mut lights, &mut warnings)?;
     document.inputs.extend(profiles);
@@ -56,15 +67,19 @@ pub fn load(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
     let mut surfaces = Vec::new();
     for node in &nodes {
         let Some(index) = node.mesh else { continue };
-        let mesh = meshes.read(index, &mut warnings)?;
+        let mesh = meshes.read(index, &node.weights, node.skin.as_deref(), &mut warnings)?;
         for (name, world_from_local) in node.placements() {
             surfaces.push(Surface { name, mesh, world_from_local, origin: SurfaceOrigin::GltfNode(node.index) });
         }
     }
+    if surfaces.is_empty() && document.count("meshes") > 0 {
+        warnings.add(document.file(), "the file has meshes, but no visible node of its scene shows one");
+    }
     let meshes = meshes.into_meshes();
-    let (materials, textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
+    let (materials, mut textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
     document.inputs.extend(pictures);
-    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment: None };
+    let environment = environment::read(&mut document, &mut textures, &mut warnings)?;
+    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment };
     let slides = projector::read(&document, &mut scene, &mut warnings)?;
     document.inputs.extend(slides);
     let Document { path, json, buffers, inputs, .. } = document;

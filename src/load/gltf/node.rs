@@ -1,16 +1,19 @@
-//! The node tree to a flat list with world transforms and unique paths.
+//! The node tree, at rest or in a pose, to a flat list with world transforms and unique paths.
 //!
 //! Transforms are multiplied in f64, so that deep trees and far origins lose nothing that f32 can hold. The walk keeps
 //! its own stack: a file decides how deep the tree is.
 
 use super::accessor;
+use super::animation::Pose;
 use super::document::Document;
+use super::skin::Skin;
 use crate::error::{Error, Result, Warnings};
 use ::gltf::json;
 use ::gltf::json::accessor::Type;
 use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
 use serde_json::Value;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::Arc;
 
 /// Names kept of a deeper path; a chain of a hundred thousand nodes would else take gigabytes of names.
 const MAX_NAMES: usize = 256;
@@ -22,8 +25,15 @@ pub(super) struct PlacedNode {
     /// Unique path: names from the root, joined by `/`.
     pub name: String,
     pub mesh: Option<usize>,
+    /// KHR_lights_punctual.
     pub light: Option<usize>,
+    /// EXT_lights_area.
+    pub area_light: Option<usize>,
     pub world_from_local: DAffine3,
+    /// Weights of morph targets; empty where the mesh's own are meant.
+    pub weights: Vec<f32>,
+    /// The skin that the mesh is bound to, in the pose of its joints.
+    pub skin: Option<Arc<Skin>>,
     /// EXT_mesh_gpu_instancing: transforms within the node.
     instances: Option<Vec<DAffine3>>,
 }
@@ -32,6 +42,8 @@ impl PlacedNode {
     /// A name and transform for each place where the node's mesh stands.
     pub fn placements(&self) -> Vec<(String, Affine3A)> {
         match &self.instances {
+            // The vertices are in world space already.
+            _ if self.skin.is_some() => vec![(self.name.clone(), Affine3A::IDENTITY)],
             None => vec![(self.name.clone(), self.world_from_local.as_affine3a())],
             Some(instances) => {
                 let place = |(i, local): (usize, &DAffine3)| {
@@ -51,20 +63,30 @@ struct Visit {
     parent_name: Option<usize>,
 }
 
-/// The nodes of the default scene that hold a mesh or a light, parents before children.
+/// The nodes of a document, and where they are.
+struct Tree<'a> {
+    document: &'a Document,
+    nodes: Vec<json::Node>,
+    parents: Vec<Option<usize>>,
+    pose: &'a Pose,
+    skins: BTreeMap<usize, Arc<Skin>>,
+}
+
+/// The nodes of the default scene that hold a mesh or a light, parents before children, each where `pose` has it.
 ///
 /// # Errors
-/// `Invalid` where nodes form a cycle or one has two parents.
-pub(super) fn flatten(document: &Document, warnings: &mut Warnings) -> Result<Vec<PlacedNode>> {
+/// `Invalid` where nodes form a cycle, one has two parents, or what a node names is broken.
+pub(super) fn flatten(document: &Document, pose: &Pose, warnings: &mut Warnings) -> Result<Vec<PlacedNode>> {
     let nodes: Vec<json::Node> =
         (0..document.count("nodes")).map(|i| document.item("nodes", i)).collect::<Result<_>>()?;
     let parents = parents(document, &nodes)?;
     let mut roots = roots(document, &parents, warnings)?;
     // A root that is also a child is visited as a child where its parent is in the scene.
     roots.sort_by_key(|&r| parents.get(r).is_some_and(Option::is_some));
+    let mut tree = Tree { document, nodes, parents, pose, skins: BTreeMap::new() };
 
     let mut placed = Vec::new();
-    let mut visited = vec![false; nodes.len()];
+    let mut visited = vec![false; tree.nodes.len()];
     // (name, the parent's entry), by order of visit.
     let mut names: Vec<(String, Option<usize>)> = Vec::new();
     let mut unique = UniqueNames::default();
@@ -73,14 +95,14 @@ pub(super) fn flatten(document: &Document, warnings: &mut Warnings) -> Result<Ve
         stack.push(Visit { index: root, world_from_parent: DAffine3::IDENTITY, parent_name: None });
         while let Some(visit) = stack.pop() {
             let index = visit.index;
-            let Some((node, seen)) = nodes.get(index).zip(visited.get_mut(index)) else {
+            let Some((node, seen)) = tree.nodes.get(index).zip(visited.get_mut(index)) else {
                 return Err(Error::invalid(
                     document.file(),
                     format!("there is no node {index}; export the file again"),
                 ));
             };
             if std::mem::replace(seen, true) {
-                if is_ancestor(&parents, index) {
+                if is_ancestor(&tree.parents, index) {
                     return Err(Error::invalid(
                         document.place("nodes", index),
                         "is below itself; export the file again",
@@ -98,34 +120,93 @@ pub(super) fn flatten(document: &Document, warnings: &mut Warnings) -> Result<Ve
                 warnings.add(path(&names, here), "the node is hidden (KHR_node_visibility) and was left out");
                 continue;
             }
-            let world_from_local = visit.world_from_parent * local_transform(node);
-            let light = extensions.and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
-            let mesh = node.mesh.map(|m| m.value());
-            let has_profile = extensions.is_some_and(|e| e.others.contains_key("EXT_lights_ies"));
-            if mesh.is_some() || light.is_some() || has_profile {
-                let name = unique.make(path(&names, here));
-                if node.skin.is_some() && mesh.is_some() {
-                    warnings.add(&name, "skins are not applied; the mesh was baked in its bind pose");
-                }
-                let instancing = extensions.and_then(|e| e.others.get("EXT_mesh_gpu_instancing"));
-                let instances = match instancing.filter(|_| mesh.is_some()) {
-                    Some(extension) => {
-                        let message = "instances (EXT_mesh_gpu_instancing) were baked each as a surface of its own";
-                        warnings.add(&name, message);
-                        Some(instances(document, index, extension)?)
-                    }
-                    None => None,
-                };
-                placed.push(PlacedNode { index, name, mesh, light, world_from_local, instances });
-            }
+            let world_from_local = visit.world_from_parent * local_transform(node, index, pose);
             // The stack turns the order around.
             for child in node.children.iter().flatten().rev() {
                 let child = child.value();
                 stack.push(Visit { index: child, world_from_parent: world_from_local, parent_name: Some(here) });
             }
+            if let Some(node) = tree.place(index, world_from_local, || unique.make(path(&names, here)), warnings)? {
+                placed.push(node);
+            }
         }
     }
     Ok(placed)
+}
+
+impl Tree<'_> {
+    /// Node `index` as it is placed; `None` where it holds nothing that a bake is about.
+    fn place(
+        &mut self,
+        index: usize,
+        world_from_local: DAffine3,
+        name: impl FnOnce() -> String,
+        warnings: &mut Warnings,
+    ) -> Result<Option<PlacedNode>> {
+        let Some(node) = self.nodes.get(index) else { return Ok(None) };
+        let extensions = node.extensions.as_ref();
+        let other = |name: &str| extensions.and_then(|e| e.others.get(name));
+        let light = extensions.and_then(|e| e.khr_lights_punctual.as_ref()).map(|l| l.light.value());
+        let area_light = other("EXT_lights_area").and_then(|l| l.get("light")?.as_u64());
+        let area_light = area_light.and_then(|l| usize::try_from(l).ok());
+        let mesh = node.mesh.map(|m| m.value());
+        if mesh.is_none() && light.is_none() && area_light.is_none() && other("EXT_lights_ies").is_none() {
+            return Ok(None);
+        }
+        let name = name();
+        let skin = node.skin.filter(|_| mesh.is_some()).map(|s| s.value());
+        let instancing = other("EXT_mesh_gpu_instancing").filter(|_| mesh.is_some());
+        if skin.is_some() && instancing.is_some() {
+            warnings
+                .add(&name, "instances of a skinned mesh (EXT_mesh_gpu_instancing) lie on one another; one was baked");
+        }
+        let instances = match instancing.filter(|_| skin.is_none()) {
+            Some(extension) => {
+                warnings.add(&name, "instances (EXT_mesh_gpu_instancing) were baked each as a surface of its own");
+                Some(instances(self.document, index, extension)?)
+            }
+            None => None,
+        };
+        let animated = self.pose.get(&index).and_then(|a| a.weights.clone());
+        let weights = animated.or_else(|| node.weights.clone()).unwrap_or_default();
+        let skin = skin.map(|s| self.skin(s)).transpose()?;
+        Ok(Some(PlacedNode { index, name, mesh, light, area_light, world_from_local, weights, skin, instances }))
+    }
+
+    /// Skin `index`, its joints where the pose has them.
+    fn skin(&mut self, index: usize) -> Result<Arc<Skin>> {
+        if let Some(skin) = self.skins.get(&index) {
+            return Ok(skin.clone());
+        }
+        let mut known = HashMap::new();
+        let skin = Arc::new(Skin::read(self.document, index, |node| self.world_from_node(node, &mut known))?);
+        self.skins.insert(index, skin.clone());
+        Ok(skin)
+    }
+
+    /// World transform of any node, in the scene or not; `known` holds those that were found before. `None` where there is
+    /// no such node, or it is below itself.
+    fn world_from_node(&self, node: usize, known: &mut HashMap<usize, DAffine3>) -> Option<DAffine3> {
+        let mut chain = Vec::new();
+        let mut next = Some(node);
+        let mut world = DAffine3::IDENTITY;
+        while let Some(at) = next {
+            if let Some(there) = known.get(&at) {
+                world = *there;
+                break;
+            }
+            chain.push(at);
+            if chain.len() > self.nodes.len() {
+                return None;
+            }
+            next = *self.parents.get(at)?;
+        }
+        for at in chain.into_iter().rev() {
+            world *= local_transform(self.nodes.get(at)?, at, self.pose);
+            known.insert(at, world);
+        }
+        Some(world)
+    }
 }
 
 /// The parent of each node.
@@ -175,16 +256,27 @@ fn roots(document: &Document, parents: &[Option<usize>], warnings: &mut Warnings
     document.parse(list, "scenes", chosen.unwrap_or(0))
 }
 
-/// Local transform of a node; a rotation of length 0 is none.
-fn local_transform(node: &json::Node) -> DAffine3 {
-    match &node.matrix {
-        Some(matrix) => DAffine3::from_mat4(DMat4::from_cols_array(&matrix.map(f64::from))),
-        None => trs(
+/// Local transform of a node, where `pose` has it; a rotation of length 0 is none.
+fn local_transform(node: &json::Node, index: usize, pose: &Pose) -> DAffine3 {
+    let animated = pose.get(&index).filter(|a| a.translation.is_some() || a.rotation.is_some() || a.scale.is_some());
+    let own = match &node.matrix {
+        Some(matrix) => {
+            let matrix = DAffine3::from_mat4(DMat4::from_cols_array(&matrix.map(f64::from)));
+            if animated.is_none() {
+                return matrix;
+            }
+            // The specification forbids a matrix on an animated node; what is animated replaces that part of it.
+            let (scale, rotation, translation) = matrix.to_scale_rotation_translation();
+            (translation.as_vec3().to_array(), rotation.as_quat().to_array(), scale.as_vec3().to_array())
+        }
+        None => (
             node.translation.unwrap_or([0.0; 3]),
             node.rotation.map_or([0.0, 0.0, 0.0, 1.0], |r| r.0),
             node.scale.unwrap_or([1.0; 3]),
         ),
-    }
+    };
+    let animated = animated.cloned().unwrap_or_default();
+    trs(animated.translation.unwrap_or(own.0), animated.rotation.unwrap_or(own.1), animated.scale.unwrap_or(own.2))
 }
 
 fn trs(translation: [f32; 3], rotation: [f32; 4], scale: [f32; 3]) -> DAffine3 {
@@ -205,7 +297,14 @@ fn instances(document: &Document, node: usize, extension: &Value) -> Result<Vec<
     let rotations = attribute("ROTATION", Type::Vec4)?;
     let scales = attribute("SCALE", Type::Vec3)?;
     let counts = [&translations, &rotations, &scales].map(|a| a.as_ref().map(accessor::Floats::len));
-    let count = counts.iter().flatten().copied().max().unwrap_or(0);
+    let count = match counts.iter().flatten().copied().max() {
+        Some(count) => count,
+        // Attributes of its own alone: as many instances, all in one place.
+        None => match extension.get("attributes").and_then(Value::as_object).and_then(|a| a.values().next()) {
+            Some(index) => accessor::count(document, document.parse(index, "nodes", node)?)?.min(1),
+            None => 0,
+        },
+    };
     if counts.iter().flatten().any(|&c| c != count) {
         let message = "has instance attributes of different lengths; export the file again";
         return Err(Error::invalid(document.place("nodes", node), message));

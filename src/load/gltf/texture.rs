@@ -1,4 +1,8 @@
 //! Images of textures: where their bytes are, and decoding them in parallel.
+//!
+//! A picture in WebP (EXT_texture_webp) goes before the ordinary one beside it. Basis Universal (KHR_texture_basisu) isn't
+//! decoded: the one crate that does, basis-universal, compiles the whole encoder too (a minute more to build) and knows no KTX2; the ordinary picture
+//! is used.
 
 use super::document::Document;
 use super::uri::{Resource, resolve};
@@ -27,7 +31,7 @@ impl Images {
         let mut images: Vec<usize> = textures.filter_map(|t| image(document, t)).collect();
         images.sort_unstable();
         images.dedup();
-        let decoded: Vec<_> = images.par_iter().map(|&i| read_image(document, i)).collect();
+        let decoded: Vec<_> = images.par_iter().map(|&i| read_image(document, i, ColorSpace::Srgb)).collect();
         let mut out = Self { by_image: BTreeMap::new(), textures: Vec::new(), files: Vec::new() };
         for (image, result) in images.into_iter().zip(decoded) {
             let index = match result {
@@ -52,10 +56,49 @@ impl Images {
     }
 }
 
-/// The image of a texture; `None` where it has only one of an extension's format.
+/// The image of a texture; `None` where it has only one of a format that can't be read.
 pub(super) fn image(document: &Document, texture: usize) -> Option<usize> {
-    let texture: json::Texture = document.item("textures", texture).ok()?;
-    Some(texture.source.value()).filter(|&i| i < document.count("images"))
+    let texture = document.json.get("textures")?.get(texture)?;
+    let webp = texture.get("extensions").and_then(|e| e.get("EXT_texture_webp")?.get("source"));
+    let source = webp.or_else(|| texture.get("source"))?.as_u64()?;
+    usize::try_from(source).ok().filter(|&i| i < document.count("images"))
+}
+
+/// What is said of a texture without an image.
+pub(super) fn missing_message(document: &Document, texture: usize) -> &'static str {
+    let texture = document.json.get("textures").and_then(|t| t.get(texture));
+    let is_basis = texture.and_then(|t| t.get("extensions")?.get("KHR_texture_basisu")).is_some();
+    if is_basis {
+        "the texture is in Basis Universal alone (KHR_texture_basisu), which can't be decoded; the factor alone was used: \
+         convert it to PNG, JPEG or WebP (gltf-transform png)"
+    } else {
+        "the texture has no image that can be read (PNG, JPEG or WebP); the factor alone was used"
+    }
+}
+
+/// The picture of texture `texture`, for numbers that aren't the scene's textures; a warning where it can't be read. Adds
+/// the file that it came from to `files`.
+pub(super) fn read_picture(
+    document: &Document,
+    texture: usize,
+    space: ColorSpace,
+    files: &mut Vec<PathBuf>,
+    warnings: &mut Warnings,
+) -> Option<Texture> {
+    let Some(image) = image(document, texture) else {
+        warnings.add(document.place("textures", texture), missing_message(document, texture));
+        return None;
+    };
+    match read_image(document, image, space) {
+        Ok((picture, file)) => {
+            files.extend(file);
+            Some(picture)
+        }
+        Err(e) => {
+            warnings.add(e, "the texture can't be read; the factor alone was used");
+            None
+        }
+    }
 }
 
 /// How a texture goes on outside of 0..1.
@@ -71,17 +114,17 @@ pub(super) fn wrap(document: &Document, texture: usize) -> [Wrap; 2] {
     sampler.map_or([Wrap::Repeat; 2], |s| [mode(s.wrap_s), mode(s.wrap_t)])
 }
 
-/// Decodes image `index`; base colour and emission are both sRGB-encoded.
-fn read_image(document: &Document, index: usize) -> Result<(Texture, Option<PathBuf>)> {
+/// Decodes image `index`, whose numbers mean `space`; base colour and emission are both sRGB-encoded.
+pub(super) fn read_image(document: &Document, index: usize, space: ColorSpace) -> Result<(Texture, Option<PathBuf>)> {
     let image: json::Image = document.item("images", index)?;
     let place = document.place("images", index);
     match (image.buffer_view, image.uri) {
-        (Some(view), _) => Ok((decode(&place, document.view(view.value())?.bytes, ColorSpace::Srgb)?, None)),
+        (Some(view), _) => Ok((decode(&place, document.view(view.value())?.bytes, space)?, None)),
         (None, Some(uri)) => match resolve(&document.path, &uri, &place)? {
-            Resource::Bytes(bytes) => Ok((decode(&place, &bytes, ColorSpace::Srgb)?, None)),
+            Resource::Bytes(bytes) => Ok((decode(&place, &bytes, space)?, None)),
             Resource::File(file) => {
                 let bytes = std::fs::read(&file).map_err(|e| Error::io(&file, e))?;
-                let texture = decode(&file.display().to_string(), &bytes, ColorSpace::Srgb)?;
+                let texture = decode(&file.display().to_string(), &bytes, space)?;
                 Ok((texture, Some(file)))
             }
         },

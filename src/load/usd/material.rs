@@ -233,6 +233,7 @@ impl Materials {
             emission_texture: emission.texture,
             double_sided: false,
             alpha: self.alpha(prim, shader, inputs, w),
+            ..Material::default()
         };
         Parsed { material, display_color: base.display_color }
     }

@@ -84,7 +84,7 @@ fn layout(keys: &Object) -> Option<(Component, usize, usize, usize)> {
 /// Reads accessor `accessor`: strides, missing views (zeros) and sparse values resolved.
 ///
 /// # Errors
-/// `Invalid` where it is broken or reaches beyond its buffer, `Unsupported` where its data are compressed.
+/// `Invalid` where it is broken or reaches beyond its buffer.
 pub fn read(doc: &Document, accessor: usize) -> Result<Elements> {
     let json = doc.item("accessors", accessor)?;
     let place = format!("{}: accessors[{accessor}]", doc.place);
@@ -97,7 +97,7 @@ pub fn read(doc: &Document, accessor: usize) -> Result<Elements> {
     if let Some(view) = index(json, "bufferView") {
         let offset = index(json, "byteOffset").unwrap_or(0);
         let (data, stride) = view_bytes(doc, view)?;
-        copy(&mut bytes, data.get(offset..).unwrap_or(&[]), size, stride.unwrap_or(size), |i| Some(i))
+        copy(&mut bytes, data.get(offset..).unwrap_or(&[]), size, stride.unwrap_or(size), Some)
             .ok_or_else(|| broken("reaches beyond its buffer"))?;
     }
     if let Some(sparse) = json.get("sparse").and_then(Value::as_object) {
@@ -151,11 +151,8 @@ fn view_bytes(doc: &Document, view: usize) -> Result<(&[u8], Option<usize>)> {
     let json = doc.item("bufferViews", view)?;
     let offset = index(json, "byteOffset").unwrap_or(0);
     let length = index(json, "byteLength").unwrap_or(0);
-    let place = || format!("{}: bufferViews[{view}]", doc.place);
-    if json.get("extensions").and_then(|e| e.get("EXT_meshopt_compression")).is_some() {
-        return Err(Error::unsupported(place(), "EXT_meshopt_compression can't be edited; export it uncompressed"));
-    }
     let bytes = offset.checked_add(length).and_then(|end| doc.bin.get(offset..end));
+    let place = || format!("{}: bufferViews[{view}]", doc.place);
     let bytes = bytes.ok_or_else(|| Error::invalid(place(), "reaches beyond its buffer; export the file again"))?;
     Ok((bytes, index(json, "byteStride").filter(|s| *s > 0)))
 }

@@ -16,8 +16,14 @@ pub struct Before {
 }
 
 /// Extensions that are known not to refer to accessors or views, or to do so where this module looks.
-const KNOWN: [&str; 4] =
-    ["KHR_lights_punctual", "KHR_texture_transform", "EXT_mesh_gpu_instancing", "EXT_meshopt_compression"];
+const KNOWN: [&str; 6] = [
+    "EXT_lights_area",
+    "EXT_lights_image_based",
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_texture_transform",
+];
 
 impl Before {
     /// Notes what is referred to now.
@@ -42,20 +48,17 @@ impl Before {
     }
 }
 
-fn used(doc: &mut Document, references: fn(&mut Document, &mut dyn FnMut(&mut Value))) -> BTreeSet<usize> {
+/// Calls its second argument with every place of a document that holds an index of one kind.
+type References = fn(&mut Document, &mut dyn FnMut(&mut Value));
+
+fn used(doc: &mut Document, references: References) -> BTreeSet<usize> {
     let mut used = BTreeSet::new();
     references(doc, &mut |v| used.extend(v.as_u64().and_then(|v| usize::try_from(v).ok())));
     used
 }
 
 /// Moves the items of `list` from `first` on into the places `free`, and removes those that are left at the end.
-fn fill(
-    doc: &mut Document,
-    list: &str,
-    first: usize,
-    free: BTreeSet<usize>,
-    references: fn(&mut Document, &mut dyn FnMut(&mut Value)),
-) {
+fn fill(doc: &mut Document, list: &str, first: usize, free: BTreeSet<usize>, references: References) {
     let Some(items) = doc.root_mut().get_mut(list).and_then(Value::as_array_mut) else { return };
     let appended = items.split_off(first.min(items.len()));
     let mut free = free.into_iter();

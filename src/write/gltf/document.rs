@@ -154,7 +154,7 @@ impl Document {
     ///
     /// # Errors
     /// `Unsupported` where the file would be larger than the format's 4 GiB.
-    pub fn to_glb(mut self) -> Result<Vec<u8>> {
+    pub fn into_glb(mut self) -> Result<Vec<u8>> {
         let mut buffer = match self.root.get_mut("buffers").and_then(|b| b.get_mut(0)).map(Value::take) {
             Some(Value::Object(buffer)) => buffer,
             _ => Object::new(),

@@ -10,6 +10,9 @@ use crate::write::Baked;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
+/// The surfaces and the node of each use of a mesh of the document as a mesh of the scene.
+type Uses = BTreeMap<(usize, usize), Vec<(Vec<usize>, usize)>>;
+
 /// Adds lightmap UVs and rectangles to `doc`.
 ///
 /// # Errors
@@ -17,7 +20,7 @@ use std::collections::BTreeMap;
 pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Result<()> {
     // A node's mesh, and the scene mesh that was loaded from it, to its surfaces. Meshes that were loaded more than once
     // (in different poses) become as many.
-    let mut uses: BTreeMap<(usize, usize), Vec<(Vec<usize>, usize)>> = BTreeMap::new();
+    let mut uses = Uses::new();
     for (node, surfaces) in nodes(baked.scene) {
         if let Some(mesh) = extras::mesh_of(doc, node)? {
             uses.entry((mesh, baked.scene.surfaces[surfaces[0]].mesh)).or_default().push((surfaces, node));

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 /// Name of the object inside `extras`.
 const KEY: &str = "lumel";
 const LIGHTS: &str = "KHR_lights_punctual";
-/// Where a node says which light profile it holds.
-const PROFILES: &str = "EXT_lights_ies";
+/// Extensions by which a node shines.
+const SHINING: [&str; 3] = [LIGHTS, "EXT_lights_area", "EXT_lights_ies"];
 
 /// The `extras.lumel` of `object`, made where it is missing. Extras that are no object move to `extras.original`.
 pub fn lumel(object: &mut Object) -> &mut Object {
@@ -94,8 +94,7 @@ pub fn write_lights(doc: &mut Document, nodes: impl Iterator<Item = usize>, mode
             }
             BakedLights::Remove => {
                 if let Some(extensions) = node.get_mut("extensions").and_then(Value::as_object_mut) {
-                    extensions.shift_remove(LIGHTS);
-                    extensions.shift_remove(PROFILES);
+                    SHINING.iter().for_each(|name| drop(extensions.shift_remove(*name)));
                     if extensions.is_empty() {
                         node.shift_remove("extensions");
                     }
@@ -103,11 +102,11 @@ pub fn write_lights(doc: &mut Document, nodes: impl Iterator<Item = usize>, mode
             }
         }
     }
-    for extension in [LIGHTS, PROFILES] {
-        let is_light = |node: &Value| node.get("extensions").is_some_and(|e| e.get(extension).is_some());
+    for name in SHINING {
+        let is_light = |node: &Value| node.get("extensions").is_some_and(|e| e.get(name).is_some());
         let nodes = doc.root().get("nodes").and_then(Value::as_array);
         if mode == BakedLights::Remove && !nodes.is_some_and(|nodes| nodes.iter().any(is_light)) {
-            doc.drop_extension(extension);
+            doc.drop_extension(name);
         }
     }
     Ok(())

@@ -1,7 +1,9 @@
 //! GLBs: the baked scene for engines (lightmap UVs, rectangles, pages beside it) and for viewers (baked vertex colours).
 //!
 //! A glTF source is edited, not rebuilt: its JSON keeps its keys in order and whatever the bake did not have to touch; data
-//! is appended to its one buffer. A USD source is written anew from the scene in memory.
+//! is appended to its one buffer. A mesh that was baked in a pose keeps its own vertices, skin, morph targets and animations,
+//! and gains the lightmap UVs of that pose: it can go on moving, under light that stands still. Compressed views come decoded
+//! from the loader. A USD source is written anew from the scene in memory.
 
 mod accessor;
 mod compact;
@@ -58,7 +60,7 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
             doc
         }
     };
-    std::fs::write(path, doc.to_glb()?).map_err(|e| Error::io(path, e))?;
+    std::fs::write(path, doc.into_glb()?).map_err(|e| Error::io(path, e))?;
     Ok(warnings)
 }
 

@@ -29,6 +29,9 @@ pub struct Part {
     pub scene_triangles: Vec<Option<usize>>,
 }
 
+/// A primitive, and the values at the corners of its triangles; `None` for those that the loader left out.
+type Valued<const N: usize> = (Part, Vec<Option<[[f32; N]; 3]>>);
+
 /// Gives the vertices of mesh `mesh` of the document one value each, from `corners`: a value for each corner of the
 /// triangles of `scene_mesh`, which was loaded from it. Rewrites attributes, morph targets and indices where vertices had
 /// to be copied. Primitives that the loader left out stay as they are.
@@ -41,7 +44,7 @@ pub fn split_mesh<const N: usize>(
     scene_mesh: &Mesh,
     corners: &[[[f32; N]; 3]],
 ) -> Result<Vec<Group<N>>> {
-    let mut groups: Vec<(Object, Vec<(Part, Vec<Option<[[f32; N]; 3]>>)>)> = Vec::new();
+    let mut groups: Vec<(Object, Vec<Valued<N>>)> = Vec::new();
     for (primitive, triangles) in triangles_by_part(scene_mesh) {
         let json = primitive_json(doc, mesh, primitive)?;
         // What primitives must have in common to share vertices.
@@ -76,7 +79,7 @@ fn split_group<const N: usize>(
     doc: &mut Document,
     mesh: usize,
     key: &Object,
-    parts: Vec<(Part, Vec<Option<[[f32; N]; 3]>>)>,
+    parts: Vec<Valued<N>>,
 ) -> Result<Group<N>> {
     let broken = || Error::invalid(&doc.place, format!("meshes[{mesh}] has no POSITION; export the file again"));
     let positions = key.get("attributes").and_then(Value::as_object).and_then(|a| index(a, "POSITION"));
