@@ -209,6 +209,15 @@ pub struct SceneArgs {
     /// Read moving parts at this moment: seconds in glTF, a time code in USD [default: at rest]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub time: Option<f64>,
+    /// Choose a variant: /PRIM:SET=NAME in USD; once for each
+    #[arg(long, value_name = "VARIANT")]
+    pub variant: Option<Vec<String>>,
+    /// Refine USD's subdivision surfaces N times; 0: bake their control cages, as most engines show them [0..8; default: 0]
+    #[arg(long, value_name = "N")]
+    pub subdivide: Option<u32>,
+    /// USD's purposes to draw beside what has none, separated by commas: default, render, proxy, guide [default: render]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["default", "render", "proxy", "guide"]))]
+    pub purpose: Option<Vec<String>>,
 }
 
 /// How many texels, on which pages.

@@ -6,7 +6,7 @@ mod percent;
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
-use crate::load::LoadOptions;
+use crate::load::{LoadOptions, Purpose};
 use crate::post::{LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver};
@@ -26,6 +26,12 @@ pub struct Settings {
     pub quality: Quality,
     /// The moment that moving parts are read at: seconds in glTF, a time code in USD; none: at rest, or the default time.
     pub time: Option<f64>,
+    /// Variants to choose: `PRIM:SET=NAME` in USD.
+    pub variant: Vec<String>,
+    /// Levels that USD's subdivision surfaces are refined to; 0: their control cages.
+    pub subdivide: u32,
+    /// USD's purposes that are drawn beside the default one; none: render.
+    pub purpose: Vec<Purpose>,
     /// Everything on one page of N x N texels.
     pub resolution: Option<u32>,
     /// Texels per metre.
@@ -258,7 +264,8 @@ impl Quality {
 impl Settings {
     /// How the scene file is read.
     pub fn load_options(&self) -> LoadOptions {
-        LoadOptions { time: self.time }
+        let (variants, purpose) = (self.variant.clone(), self.purpose.clone());
+        LoadOptions { time: self.time, variants, subdivide: self.subdivide, purpose }
     }
 
     /// The unwrap stage's parameters.

@@ -6,4 +6,28 @@ pub struct LoadOptions {
     /// The moment that moving parts are read at: seconds in glTF, a time code in USD. None: at rest in glTF, the default
     /// time in USD.
     pub time: Option<f64>,
+    /// Variants to choose; in USD `PRIM:SET=NAME`, stronger than the files' own selections.
+    pub variants: Vec<String>,
+    /// Levels that USD's subdivision surfaces are refined to; 0: their control cages.
+    pub subdivide: u32,
+    /// USD's purposes that are drawn beside the default one; none: render.
+    pub purpose: Vec<Purpose>,
+}
+
+/// What a part of a USD scene is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Purpose {
+    /// What has none: always drawn.
+    Default,
+    Render,
+    Proxy,
+    Guide,
+}
+
+impl LoadOptions {
+    /// The purposes that are drawn.
+    pub fn purposes(&self) -> Vec<Purpose> {
+        if self.purpose.is_empty() { vec![Purpose::Default, Purpose::Render] } else { self.purpose.clone() }
+    }
 }

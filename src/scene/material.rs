@@ -18,6 +18,12 @@ pub struct Material {
     pub double_sided: bool,
     /// Alpha of the albedo, and what it means.
     pub alpha: Alpha,
+    /// Its alpha takes the place of the albedo texture's.
+    pub opacity_texture: Option<TextureSlot>,
+    /// What passes straight through, as through thin glass: 0..=1, white lets all pass; multiplied by the texture where
+    /// there is one.
+    pub transmission: Rgb,
+    pub transmission_texture: Option<TextureSlot>,
 }
 
 /// What a material's opacity does.
@@ -74,11 +80,21 @@ impl Default for Material {
             emission_texture: None,
             double_sided: false,
             alpha: Alpha::Opaque,
+            opacity_texture: None,
+            transmission: Rgb::ZERO,
+            transmission_texture: None,
         }
     }
 }
 
 impl Material {
+    /// The textures in use.
+    pub fn slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        [&self.albedo_texture, &self.emission_texture, &self.opacity_texture, &self.transmission_texture]
+            .into_iter()
+            .flatten()
+    }
+
     /// True where the material can shine.
     pub fn is_emissive(&self) -> bool {
         self.emission.max_element() > 0.0

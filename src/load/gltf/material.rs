@@ -132,6 +132,7 @@ impl Source {
             emission_texture,
             double_sided: source.double_sided,
             alpha,
+            ..Material::default()
         }
     }
 }

@@ -1,10 +1,9 @@
 //! UsdLux lights; the photometry is in [`crate::load::units`].
 
-use super::read;
+use super::read::{self, Reading};
 use super::texture::Textures;
 use super::walk::{State, Walk};
 use crate::color::Rgb;
-use crate::error::Warnings;
 use crate::load::image::ColorSpace;
 use crate::load::units;
 use crate::scene::{Environment, Light, LightShape, Shaping};
@@ -63,7 +62,7 @@ pub fn read_light(walk: &mut Walk, prim: &Prim, kind: &str, state: &State) {
 }
 
 /// `intensity * 2^exposure * color * temperature` [nit]. The `diffuse` multiplier counts too: a lightmap is diffuse light.
-fn luminance(prim: &Prim, w: &mut Warnings) -> Rgb {
+pub fn luminance(prim: &Prim, w: &mut Reading) -> Rgb {
     let mut float = |name: &str, default: f32| read::float(prim, name, w).unwrap_or(default);
     let scalar = float("inputs:intensity", 1.0)
         * units::exposure_scale(float("inputs:exposure", 0.0))
@@ -100,7 +99,7 @@ impl Placed {
     }
 }
 
-fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Warnings) -> LightShape {
+fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Reading) -> LightShape {
     let linear = light.linear();
     let center = light.world.w_axis.truncate().as_vec3();
     let mut length = |name: &str, default: f32| f64::from(read::float(prim, name, w).unwrap_or(default).max(0.0));
@@ -149,7 +148,7 @@ fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Warnings) -> LightShap
 
 /// The intensity [cd] of a sphere that is treated as a point: its radiance times its mean projected area, a quarter of
 /// its surface (Cauchy). A sphere of radius 0 is the limit of normalized ones.
-fn point_intensity(prim: &Prim, light: &Placed, radius: f64, w: &mut Warnings) -> Rgb {
+fn point_intensity(prim: &Prim, light: &Placed, radius: f64, w: &mut Reading) -> Rgb {
     let square_metre = light.metres_per_unit * light.metres_per_unit;
     if radius > 0.0 && !light.normalize {
         let area = units::ellipsoid_area(light.linear() * radius);
@@ -171,7 +170,7 @@ fn affine(linear: DMat3, world: DMat4) -> Affine3A {
     Affine3A::from_mat3_translation(linear.as_mat3(), world.w_axis.truncate().as_vec3())
 }
 
-fn shaping(prim: &Prim, world: DMat4, w: &mut Warnings) -> Option<Shaping> {
+fn shaping(prim: &Prim, world: DMat4, w: &mut Reading) -> Option<Shaping> {
     let applied = prim.has_api_schema("ShapingAPI").unwrap_or(false);
     let authored = ["inputs:shaping:cone:angle", "inputs:shaping:cone:softness", "inputs:shaping:focus"];
     if !applied && !authored.iter().any(|name| read::is_authored(prim, name)) {
@@ -215,7 +214,7 @@ fn read_dome(walk: &mut Walk, prim: &Prim, kind: &str, state: &State, radiance: 
     walk.scene.environment = Some(Environment { name, radiance, texture, world_from_sky });
 }
 
-fn dome_texture(prim: &Prim, textures: &mut Textures, w: &mut Warnings) -> Option<usize> {
+fn dome_texture(prim: &Prim, textures: &mut Textures, w: &mut Reading) -> Option<usize> {
     let Some(Value::AssetPath(file)) = read::value(prim, "inputs:texture:file", w) else { return None };
     if file.is_empty() {
         return None;
@@ -236,7 +235,7 @@ fn rotation(m: DMat3) -> Mat3 {
 }
 
 /// Names what this light has and a bake does not follow.
-fn report_unsupported(prim: &Prim, kind: &str, w: &mut Warnings) {
+fn report_unsupported(prim: &Prim, kind: &str, w: &mut Reading) {
     let path = prim.path();
     if kind == "RectLight"
         && let Some(Value::AssetPath(file)) = read::value(prim, "inputs:texture:file", w)
