@@ -217,6 +217,12 @@ pub struct SceneArgs {
     /// USD
     #[arg(long, value_name = "VARIANT")]
     pub variant: Option<Vec<String>>,
+    /// Refine USD's subdivision surfaces N times; 0: bake their control cages, as most engines show them [0..8; default: 0]
+    #[arg(long, value_name = "N")]
+    pub subdivide: Option<u32>,
+    /// USD's purposes to draw beside what has none, separated by commas: default, render, proxy, guide [default: render]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["default", "render", "proxy", "guide"]))]
+    pub purpose: Option<Vec<String>>,
 }
 
 /// How many texels, on which pages.

@@ -27,6 +27,7 @@ pub mod sample;
 pub mod scene;
 pub mod settings;
 pub mod solve;
+pub mod subdivide;
 pub mod trace;
 pub mod transport;
 pub mod unwrap;

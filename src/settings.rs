@@ -9,7 +9,7 @@ pub use outdoors::{ProjectorSetting, SkySetting};
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
-use crate::load::LoadOptions;
+use crate::load::{LoadOptions, Purpose};
 use crate::post::{LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver};
@@ -33,6 +33,10 @@ pub struct Settings {
     pub animation: Option<String>,
     /// Variants to read in place of the default: names in glTF, `PRIM:SET=NAME` in USD.
     pub variant: Vec<String>,
+    /// Levels that USD's subdivision surfaces are refined to; 0: their control cages.
+    pub subdivide: u32,
+    /// USD's purposes that are drawn beside the default one; none: render.
+    pub purpose: Vec<Purpose>,
     /// Everything on one page of N x N texels.
     pub resolution: Option<u32>,
     /// Texels per metre.
@@ -270,7 +274,13 @@ impl Quality {
 impl Settings {
     /// How the scene file is read.
     pub fn load_options(&self) -> LoadOptions {
-        LoadOptions { time: self.time, animation: self.animation.clone(), variants: self.variant.clone() }
+        LoadOptions {
+            time: self.time,
+            animation: self.animation.clone(),
+            variants: self.variant.clone(),
+            subdivide: self.subdivide,
+            purpose: self.purpose.clone(),
+        }
     }
 
     /// The unwrap stage's parameters.

@@ -383,7 +383,7 @@ fn a_shining_surface_shows_all_that_leaves_it() {
 #[test]
 fn a_scene_from_elsewhere_becomes_a_node_for_each_surface() {
     let mut bake = Bake::new(true);
-    bake.source = Source::Usd(UsdSource { path: "square.usda".into() });
+    bake.source = Source::Usd(UsdSource { path: "square.usda".into(), ..UsdSource::default() });
     bake.scene.meshes[0].uvs = vec![UvSet { name: "st".into(), coords: vec![Vec2::ZERO; 4] }];
     bake.scene.surfaces[0].name = "/room/left".into();
     let glb = bake.write(GltfProfile::Engine);

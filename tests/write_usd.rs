@@ -1,7 +1,7 @@
 //! The USD layer: written for scenes in memory over usda files, opened again with its sublayer.
 
 use glam::{Affine3A, Vec2, Vec3};
-use lumel::load::{self, Source, usd::UsdSource};
+use lumel::load::{self, LoadOptions, Source, usd::UsdSource};
 use lumel::post::Quantity;
 use lumel::post::vertex::CornerColors;
 use lumel::scene::{
@@ -109,7 +109,7 @@ impl Bake {
 
     /// Writes the layer and gives its warnings' messages.
     fn try_write(&self) -> lumel::Result<Vec<String>> {
-        let source = Source::Usd(UsdSource { path: self.input() });
+        let source = Source::Usd(UsdSource { path: self.input(), ..UsdSource::default() });
         let page_uris = PAGES.map(String::from);
         let baked = Baked {
             scene: &self.scene,
@@ -609,9 +609,9 @@ fn uv_of_corner(corner: u32) -> Vec2 {
 }
 
 /// Writes a layer for a scene as loaded, with made-up UVs, opens it, and compares each mesh that takes opinions of its own.
-fn layer_over(input: &Path, folder: &Path) {
+fn layer_over(input: &Path, folder: &Path, options: &LoadOptions) {
     // Many files of the collection are layers without geometry, or broken on purpose.
-    let Ok(loaded) = load::load(input) else { return };
+    let Ok(loaded) = load::load_with(input, options) else { return };
     let scene = &loaded.scene;
     let meshes = scene.meshes.iter().map(|m| MeshUvs {
         corners: m.origin.iter().map(|o| o.corners.map(uv_of_corner)).collect(),
@@ -683,10 +683,62 @@ fn layer_over(input: &Path, folder: &Path) {
 fn loaded_instances_take_a_layer() {
     for (name, usda) in [("chairs", chairs()), ("sets", sets()), ("trees", trees())] {
         let bake = Bake::new(&format!("loaded_{name}"), &usda);
-        layer_over(&bake.input(), &bake.folder.join("room_baked"));
+        layer_over(&bake.input(), &bake.folder.join("room_baked"), &LoadOptions::default());
         let text = fs::read_to_string(bake.folder.join("room_baked/scene.lumel.usda")).unwrap();
         assert!(text.contains("primvars:lumel:scaleOffset:"), "{text}");
     }
+}
+
+#[test]
+fn meshes_stand_in_for_shapes_and_refined_surfaces() {
+    let usda = room(
+        r#"def Sphere "Ball" { double radius = 2 color3f[] primvars:displayColor = [(1, 0, 0)] }
+def Xform "Holder" (
+    prepend variantSets = "form"
+    variants = { string form = "none" }
+)
+{
+    variantSet "form" = {
+        "none" { }
+        "cage" {
+            def Mesh "Soft" {
+                int[] faceVertexCounts = [4, 4]
+                int[] faceVertexIndices = [0, 1, 2, 3, 1, 4, 5, 2]
+                point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 1), (2, 1, 1)]
+                float[] primvars:age = [1, 2] ( interpolation = "uniform" )
+                def GeomSubset "second" {
+                    uniform token elementType = "face"
+                    uniform token familyName = "materialBind"
+                    int[] indices = [1]
+                }
+            }
+        }
+    }
+}"#,
+    );
+    let bake = Bake::new("stand_in", &usda);
+    let variants = vec!["/World/Holder:form=cage".to_owned()];
+    let options = LoadOptions { subdivide: 1, variants, ..LoadOptions::default() };
+    let folder = bake.folder.join("room_baked");
+    layer_over(&bake.input(), &folder, &options);
+    let registry = openusd_schemas::schema_registry();
+    let path = folder.join("scene.lumel.usda");
+    let stage = Stage::builder().schema_registry(registry).open(path.to_str().unwrap()).unwrap();
+    for (path, triangles) in [("/World/Ball", 2 * 48 * 23), ("/World/Holder/Soft", 16)] {
+        let prim = stage.prim(path).unwrap();
+        assert_eq!(prim.type_name().unwrap().unwrap().as_str(), "Mesh", "{path}");
+        let counts: Vec<i32> = get(&prim, "faceVertexCounts").unwrap();
+        assert_eq!(counts, vec![3; triangles], "{path}");
+        let points: Vec<Vec3f> = get(&prim, "points").unwrap();
+        let indices: Vec<i32> = get(&prim, "faceVertexIndices").unwrap();
+        assert!(indices.iter().all(|&i| (i as usize) < points.len()));
+    }
+    let soft = stage.prim("/World/Holder/Soft").unwrap();
+    assert!(get::<Vec<f32>>(&soft, "primvars:age").is_none(), "two values for sixteen faces");
+    let second: Vec<i32> = get(&stage.prim("/World/Holder/Soft/second").unwrap(), "indices").unwrap();
+    assert_eq!(second, (8..16).collect::<Vec<i32>>());
+    let ball: Vec<Vec3f> = get(&stage.prim("/World/Ball").unwrap(), "primvars:displayColor").unwrap();
+    assert_eq!(ball.len(), 1, "a colour that the look depends on stays");
 }
 
 #[test]
@@ -699,7 +751,7 @@ fn whole_scenes_take_a_layer() {
     assert!(!files.is_empty());
     for (i, file) in files.iter().enumerate() {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("write_usd_scenes").join(i.to_string());
-        layer_over(file, &folder);
+        layer_over(file, &folder, &LoadOptions::default());
     }
 }
 

@@ -12,4 +12,26 @@ pub struct LoadOptions {
     /// What is chosen of what the file offers in several forms. glTF: names of KHR_materials_variants, of which a later one
     /// goes before an earlier one. USD: `PRIM:SET=NAME`.
     pub variants: Vec<String>,
+    /// Levels that USD's subdivision surfaces are refined to; 0: their control cages.
+    pub subdivide: u32,
+    /// USD's purposes that are drawn beside the default one; none: render.
+    pub purpose: Vec<Purpose>,
+}
+
+/// What a part of a USD scene is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Purpose {
+    /// What has none: always drawn.
+    Default,
+    Render,
+    Proxy,
+    Guide,
+}
+
+impl LoadOptions {
+    /// The purposes that are drawn.
+    pub fn purposes(&self) -> Vec<Purpose> {
+        if self.purpose.is_empty() { vec![Purpose::Default, Purpose::Render] } else { self.purpose.clone() }
+    }
 }

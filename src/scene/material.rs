@@ -23,6 +23,8 @@ pub struct Material {
     pub double_sided: bool,
     /// Alpha of the albedo, and what it means.
     pub alpha: Alpha,
+    /// Its alpha takes the place of the albedo texture's.
+    pub opacity_texture: Option<TextureSlot>,
 }
 
 /// What a material's opacity does.
@@ -77,15 +79,23 @@ impl Default for Material {
             albedo_texture: None,
             emission: Rgb::ZERO,
             emission_texture: None,
-            transmission: Rgb::ZERO,
-            transmission_texture: None,
             double_sided: false,
             alpha: Alpha::Opaque,
+            opacity_texture: None,
+            transmission: Rgb::ZERO,
+            transmission_texture: None,
         }
     }
 }
 
 impl Material {
+    /// The textures in use.
+    pub fn slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        [&self.albedo_texture, &self.emission_texture, &self.opacity_texture, &self.transmission_texture]
+            .into_iter()
+            .flatten()
+    }
+
     /// True where the material can shine.
     pub fn is_emissive(&self) -> bool {
         self.emission.max_element() > 0.0

@@ -7,6 +7,9 @@ use crate::reference::BATCHES;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
 
+/// Levels of subdivision, at most: each has four times the faces of the one before.
+const MOST_SUBDIVISION: u32 = 8;
+
 impl Settings {
     /// Refuses values out of range before any work begins.
     ///
@@ -40,6 +43,7 @@ impl Settings {
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
         within("error", self.error, LEAST_ERROR, MOST_ERROR)?;
         within("time", self.time, -1e9, 1e9)?;
+        within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;
         within("time-budget", self.time_budget, 0.1, 1e6)?;
         self.check_layers()?;
         self.check_gather()?;

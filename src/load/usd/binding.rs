@@ -2,14 +2,16 @@
 //! namespace, with strengths.
 //!
 //! The walk carries the bindings that it passed as a linked list, so that a prim costs no walk up the namespace. The
-//! `preview` purpose is preferred, as its materials are the ones that are understood here, then the general one.
+//! `preview` purpose is preferred, as its materials are the ones that are understood here, then the general one, then `full`.
 
-use super::read;
-use crate::error::Warnings;
+use super::read::{self, Reading};
 use openusd::sdf::{Path, Value};
 use openusd::usd::{CollectionAPI, MembershipQuery, Prim, Stage};
 use std::collections::HashMap;
 use std::rc::Rc;
+
+/// Purposes of bindings, the preferred ones first.
+const PURPOSES: [&str; 3] = ["preview", "", "full"];
 
 /// The bindings on one prim, and those above it.
 pub struct Level {
@@ -18,8 +20,8 @@ pub struct Level {
 }
 
 struct Binding {
-    /// For previews alone.
-    preview: bool,
+    /// `preview`, `full`, or empty for all purposes.
+    purpose: &'static str,
     material: Path,
     /// The collection that it binds; `None` for a direct binding.
     collection: Option<Path>,
@@ -36,7 +38,7 @@ pub fn level(
     prim: &Prim,
     names: &[openusd::tf::Token],
     above: &Option<Rc<Level>>,
-    warnings: &mut Warnings,
+    warnings: &mut Reading,
 ) -> Option<Rc<Level>> {
     let mut bindings = Vec::new();
     for name in names {
@@ -48,9 +50,7 @@ pub fn level(
             ["", purpose] => (purpose, false),
             _ => continue,
         };
-        if !matches!(purpose, "" | "preview") {
-            continue;
-        }
+        let Some(&purpose) = PURPOSES.iter().find(|known| **known == purpose) else { continue };
         let relationship = prim.relationship(name.as_str());
         let targets = match relationship.targets() {
             Ok(targets) => targets,
@@ -66,7 +66,7 @@ pub fn level(
         };
         let strength = relationship.get_metadata::<Value>("bindMaterialAs").ok().flatten().and_then(read::to_text);
         let strong = strength.as_deref() == Some("strongerThanDescendants");
-        bindings.push(Binding { preview: purpose == "preview", material, collection, strong });
+        bindings.push(Binding { purpose, material, collection, strong });
     }
     if bindings.is_empty() {
         return above.clone();
@@ -77,7 +77,7 @@ pub fn level(
 }
 
 /// The levels of `path`'s ancestors, without `path` itself.
-pub fn levels_above(stage: &Stage, path: &Path, warnings: &mut Warnings) -> Option<Rc<Level>> {
+pub fn levels_above(stage: &Stage, path: &Path, warnings: &mut Reading) -> Option<Rc<Level>> {
     let mut ancestors: Vec<Path> = path.strict_ancestors_below_root().collect();
     ancestors.reverse();
     let mut above = None;
@@ -98,11 +98,11 @@ pub fn bound_material(
     level: &Option<Rc<Level>>,
     collections: &mut Collections,
 ) -> Option<Path> {
-    [true, false].into_iter().find_map(|preview| {
+    PURPOSES.into_iter().find_map(|purpose| {
         let mut winner = None;
         let mut at = level.as_ref();
         while let Some(here) = at {
-            let mut applicable = here.bindings.iter().filter(|b| b.preview == preview);
+            let mut applicable = here.bindings.iter().filter(|b| b.purpose == purpose);
             if let Some(binding) = applicable.find(|b| collections.contains(stage, b.collection.as_ref(), path))
                 && (winner.is_none() || binding.strong)
             {

@@ -110,6 +110,9 @@ impl Walk {
 
     fn read_points(&mut self, prim: &Prim) -> Points {
         let w = &mut self.warnings;
+        if w.time.is_some() && read::is_authored(prim, "velocities") {
+            w.add(prim.path(), "velocities are not followed: positions between samples are interpolated");
+        }
         let prototypes = read::value(prim, "protoIndices", w).and_then(read::to_ints).unwrap_or_default();
         let positions = read::value(prim, "positions", w).and_then(read::to_vec3s).unwrap_or_default();
         let mut rotations = |name: &str| read::value(prim, name, w).and_then(read::to_quats).filter(|q| !q.is_empty());

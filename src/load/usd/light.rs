@@ -5,11 +5,10 @@
 use super::dome::{self, Domes};
 use super::link;
 use super::network::{self, Origin};
-use super::read;
+use super::read::{self, Reading};
 use super::shaping;
 use super::walk::{State, Walk};
 use crate::color::Rgb;
-use crate::error::Warnings;
 use crate::load::projector::ProjectorRequest;
 use crate::load::units;
 use crate::scene::{Light, LightShape, Scene};
@@ -29,22 +28,22 @@ pub struct Pending {
 
 impl Pending {
     /// Finishes the lights of `scene`, whose surfaces have the prim paths `surfaces`.
-    pub fn settle(self, scene: &mut Scene, surfaces: &[String], warnings: &mut Warnings) {
-        self.domes.settle(scene, warnings);
+    pub fn settle(self, scene: &mut Scene, surfaces: &[String], reading: &mut Reading) {
+        self.domes.settle(scene, &mut reading.warnings);
         for (light, prim) in self.linked {
-            scene.lights[light].links = link::links(&prim, surfaces, warnings);
+            scene.lights[light].links = link::links(&prim, surfaces, reading);
         }
         for (mut request, target) in self.projectors {
             if let Some(name) = target {
                 request.target = shaping::surfaces_below(name, surfaces);
             }
-            request.apply(scene, warnings);
+            request.apply(scene, &mut reading.warnings);
         }
     }
 }
 
 /// The value of the input `name` of a light, wherever it is connected to.
-pub fn input(prim: &Prim, name: &str, w: &mut Warnings) -> Option<Value> {
+pub fn input(prim: &Prim, name: &str, w: &mut Reading) -> Option<Value> {
     let attribute = prim.attribute(name);
     if !attribute.has_authored_connections().unwrap_or(false) {
         return read::attribute_value(&attribute, w);
@@ -60,15 +59,15 @@ pub fn input(prim: &Prim, name: &str, w: &mut Warnings) -> Option<Value> {
     }
 }
 
-pub fn float(prim: &Prim, name: &str, w: &mut Warnings) -> Option<f32> {
+pub fn float(prim: &Prim, name: &str, w: &mut Reading) -> Option<f32> {
     input(prim, name, w).and_then(read::to_float)
 }
 
-pub fn boolean(prim: &Prim, name: &str, w: &mut Warnings) -> Option<bool> {
+pub fn boolean(prim: &Prim, name: &str, w: &mut Reading) -> Option<bool> {
     input(prim, name, w).and_then(read::to_bool)
 }
 
-pub fn rgb(prim: &Prim, name: &str, w: &mut Warnings) -> Option<Rgb> {
+pub fn rgb(prim: &Prim, name: &str, w: &mut Reading) -> Option<Rgb> {
     input(prim, name, w).and_then(read::to_vec3)
 }
 
@@ -154,7 +153,7 @@ pub fn axes(linear: &DMat3) -> Mat3 {
 }
 
 /// `intensity * 2^exposure * color * temperature` [nit]. The `diffuse` multiplier counts too: a lightmap is diffuse light.
-fn luminance(prim: &Prim, w: &mut Warnings) -> Rgb {
+pub fn luminance(prim: &Prim, w: &mut Reading) -> Rgb {
     let mut value = |name: &str, default: f32| float(prim, name, w).unwrap_or(default);
     let scalar = value("inputs:intensity", 1.0)
         * units::exposure_scale(value("inputs:exposure", 0.0))
@@ -191,7 +190,7 @@ impl Placed {
     }
 }
 
-fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Warnings) -> LightShape {
+fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Reading) -> LightShape {
     let linear = light.linear();
     let center = light.world.w_axis.truncate().as_vec3();
     let mut length = |name: &str, default: f32| f64::from(float(prim, name, w).unwrap_or(default).max(0.0));
@@ -240,7 +239,7 @@ fn shape(prim: &Prim, kind: &str, light: &Placed, w: &mut Warnings) -> LightShap
 
 /// The intensity [cd] of a sphere that is treated as a point: its radiance times its mean projected area, a quarter of
 /// its surface (Cauchy). A sphere of radius 0 is the limit of normalized ones.
-fn point_intensity(prim: &Prim, light: &Placed, radius: f64, w: &mut Warnings) -> Rgb {
+fn point_intensity(prim: &Prim, light: &Placed, radius: f64, w: &mut Reading) -> Rgb {
     let square_metre = light.metres_per_unit * light.metres_per_unit;
     if radius > 0.0 && !light.normalize {
         let area = units::ellipsoid_area(light.linear() * radius);
@@ -263,7 +262,7 @@ fn affine(linear: DMat3, world: DMat4) -> Affine3A {
 }
 
 /// Names what this light has and a bake does not follow.
-fn report_unsupported(prim: &Prim, kind: &str, w: &mut Warnings) {
+fn report_unsupported(prim: &Prim, kind: &str, w: &mut Reading) {
     let path = prim.path();
     let has_targets = |name: &str| prim.relationship(name).has_authored_targets().unwrap_or(false);
     if has_targets("light:filters") {
@@ -272,7 +271,7 @@ fn report_unsupported(prim: &Prim, kind: &str, w: &mut Warnings) {
     if kind.starts_with("DomeLight") && link::is_restricted(prim, w) {
         w.add(path, "a dome's links are not supported yet; it shines on everything, and everything blocks it");
     }
-    let other = |name: &str, default: f32, w: &mut Warnings| float(prim, name, w).is_some_and(|v| v != default);
+    let other = |name: &str, default: f32, w: &mut Reading| float(prim, name, w).is_some_and(|v| v != default);
     let has_distance = other("inputs:shadow:distance", -1.0, w) || other("inputs:shadow:falloff", -1.0, w);
     if has_distance || rgb(prim, "inputs:shadow:color", w).is_some_and(|c| c != Rgb::ZERO) {
         w.add(path, "the colour, distance and falloff of shadows are not followed: they are as dark as they would be");

@@ -1,18 +1,17 @@
 //! Light and shadow linking: the collections `lightLink` and `shadowLink` of a light, by relationships or by an expression.
 
 use super::light::boolean;
-use super::read;
-use crate::error::Warnings;
+use super::read::{self, Reading};
 use crate::scene::{Linked, Links};
 use openusd::sdf::Path;
 use openusd::usd::{CollectionAPI, MembershipQuery, PathRule, Prim};
 
 /// True where a light is not simply linked to everything.
-pub fn is_restricted(prim: &Prim, w: &mut Warnings) -> bool {
+pub fn is_restricted(prim: &Prim, w: &mut Reading) -> bool {
     ["lightLink", "shadowLink"].iter().any(|link| is_link_restricted(prim, link, w)) || casts_none(prim, w)
 }
 
-fn is_link_restricted(prim: &Prim, link: &str, w: &mut Warnings) -> bool {
+fn is_link_restricted(prim: &Prim, link: &str, w: &mut Reading) -> bool {
     let collection = |field: &str| format!("collection:{link}:{field}");
     let has_targets = |name: &str| prim.relationship(name).has_authored_targets().unwrap_or(false);
     has_targets(&collection("excludes"))
@@ -22,12 +21,12 @@ fn is_link_restricted(prim: &Prim, link: &str, w: &mut Warnings) -> bool {
 }
 
 /// `inputs:shadow:enable` is off.
-fn casts_none(prim: &Prim, w: &mut Warnings) -> bool {
+fn casts_none(prim: &Prim, w: &mut Reading) -> bool {
     boolean(prim, "inputs:shadow:enable", w) == Some(false)
 }
 
 /// The links of the light `prim` to surfaces with the prim paths `surfaces`.
-pub fn links(prim: &Prim, surfaces: &[String], w: &mut Warnings) -> Links {
+pub fn links(prim: &Prim, surfaces: &[String], w: &mut Reading) -> Links {
     let lit = members(prim, "lightLink", surfaces, w);
     let blockers =
         if casts_none(prim, w) { Linked::none(surfaces.len()) } else { members(prim, "shadowLink", surfaces, w) };
@@ -38,7 +37,7 @@ pub fn links(prim: &Prim, surfaces: &[String], w: &mut Warnings) -> Links {
 }
 
 /// The surfaces in the collection `name` of `prim`: all where it can't be read.
-fn members(prim: &Prim, name: &str, surfaces: &[String], w: &mut Warnings) -> Linked {
+fn members(prim: &Prim, name: &str, surfaces: &[String], w: &mut Reading) -> Linked {
     if !is_link_restricted(prim, name, w) {
         return Linked::All;
     }

@@ -1,13 +1,15 @@
 //! USD reader: .usda, .usdc, .usd and .usdz, composed by the openusd crate, into a scene.
 //!
-//! What is read, at the default time: meshes (polygons triangulated, every UV primvar, normals, display colours),
-//! GeomSubsets, materials (UsdPreviewSurface, and the base colour and emission of others), native and point instances,
-//! UsdLux lights. What is met and not read is a counted warning with its prim path.
+//! What is read, at the default time or the time code asked for: meshes (polygons triangulated, every UV primvar, normals,
+//! display colours), subdivision surfaces (as cages, or refined), implicit shapes, GeomSubsets, skeletons and blend shapes,
+//! materials (UsdPreviewSurface, and what is diffuse of others, UDIM included), native and point instances, UsdLux lights,
+//! mesh lights. What is met and not read is a counted warning with its prim path.
 //!
 //! The stage's unit and up axis are folded into transforms; mesh positions stay as authored. UVs are flipped to v down.
 
 mod binding;
 mod dome;
+mod geometry;
 mod instancer;
 mod light;
 mod link;
@@ -17,22 +19,36 @@ mod network;
 mod polygon;
 mod primvar;
 mod read;
+mod shape;
 mod shaping;
+mod skel;
+pub mod stage;
+mod subdivision;
 mod surface;
 mod texture;
+mod udim;
 mod walk;
 mod xform;
 
 use super::{LoadOptions, Loaded, Source};
 use crate::error::{Error, Result};
-use openusd::{ar, pcp, usd};
+use openusd::{ar, pcp};
+use stage::VariantSelection;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// What the layer writer needs of the stage that was read.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct UsdSource {
     /// The root layer's file.
     pub path: PathBuf,
+    /// The time code that was read; none: the default time.
+    pub time: Option<f64>,
+    /// Selections beside those of the files.
+    pub variants: Vec<VariantSelection>,
+    /// The meshes (indices into the scene's) whose faces are not their prim's own: implicit shapes and refined surfaces. Their
+    /// triangles' `part` is the prim's own face, where it has any.
+    pub remade: BTreeSet<usize>,
 }
 
 /// Stack of the reading thread [bytes]: parsing and composition recurse over the namespace, and a deep one must not end
@@ -42,7 +58,7 @@ const STACK: usize = 512 << 20;
 /// Reads a .usd, .usda, .usdc or .usdz stage.
 ///
 /// # Errors
-/// `Io` where the file can't be read, `Invalid` where it is no USD file; both name it. A broken reference, payload or
+/// `Io` where the file can't be read, `Invalid` where it is no USD file or has no such variant; both name it. A broken reference, payload or
 /// sublayer is a warning.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     std::fs::File::open(path).map_err(|error| Error::io(path, error))?;
@@ -58,17 +74,15 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     thread?
 }
 
-fn read_stage(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
-    let name = path.to_str().ok_or_else(|| Error::invalid(path.display(), "the path is not UTF-8; rename the file"))?;
+fn read_stage(path: &Path, options: &LoadOptions) -> Result<Loaded> {
+    let variants: Vec<VariantSelection> =
+        options.variants.iter().map(|text| VariantSelection::parse(text)).collect::<Result<_>>()?;
     // One scope keeps a package's directory open for all of its layers and textures.
     let _scope = ar::CacheScope::begin();
-    let stage = usd::Stage::builder()
-        .schema_registry(openusd_schemas::schema_registry())
-        .open(name)
-        .map_err(|error| open_error(path, error))?;
-    let mut walk = walk::Walk::new(stage.clone());
+    let stage = stage::open(path, &variants)?;
+    let mut walk = walk::Walk::new(stage.clone(), options);
     walk.run();
-    let walk::Output { scene, mut warnings, textures } = walk.finish();
+    let walk::Output { scene, mut warnings, textures, remade } = walk.finish();
     for error in stage.composition_errors() {
         report(&error, &mut warnings);
     }
@@ -79,7 +93,8 @@ fn read_stage(path: &Path, _options: &LoadOptions) -> Result<Loaded> {
             inputs.push(input);
         }
     }
-    Ok(Loaded { scene, source: Source::Usd(UsdSource { path: path.to_owned() }), inputs, warnings })
+    let source = UsdSource { path: path.to_owned(), time: options.time, variants, remade };
+    Ok(Loaded { scene, source: Source::Usd(source), inputs, warnings })
 }
 
 /// The file that holds `asset`, which may lie in a package: `a.usdz[b.usdc]` is in `a.usdz`.
@@ -87,23 +102,6 @@ fn package_file(asset: &str) -> PathBuf {
     match ar::split_package_relative_path_outer(asset) {
         Some((package, _)) => PathBuf::from(package),
         None => PathBuf::from(asset),
-    }
-}
-
-fn open_error(path: &Path, error: openusd::Error) -> Error {
-    match error {
-        openusd::Error::Io(source) => Error::io(path, source),
-        error => {
-            let mut message = error.to_string();
-            let mut source = std::error::Error::source(&error);
-            while let Some(cause) = source {
-                message = format!("{message}: {cause}");
-                source = cause.source();
-            }
-            // The parser draws the source line; one line is enough here.
-            let message: Vec<&str> = message.split_whitespace().collect();
-            Error::invalid(path.display(), format!("is no sound USD file: {}", message.join(" ")))
-        }
     }
 }
 

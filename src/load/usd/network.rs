@@ -1,7 +1,6 @@
 //! Shader networks: where an input's value comes from.
 
-use super::read;
-use crate::error::Warnings;
+use super::read::{self, Reading};
 use openusd::sdf::Value;
 use openusd::usd::{Attribute, Prim};
 
@@ -17,7 +16,7 @@ pub enum Origin {
 }
 
 /// Follows `attribute` through NodeGraph and Material interfaces to a value or a shader.
-pub fn trace(attribute: &Attribute, warnings: &mut Warnings) -> Origin {
+pub fn trace(attribute: &Attribute, warnings: &mut Reading) -> Origin {
     let mut at = attribute.clone();
     for _ in 0..MAX_HOPS {
         let connections = at.connections().unwrap_or_default();
@@ -42,7 +41,7 @@ pub fn trace(attribute: &Attribute, warnings: &mut Warnings) -> Origin {
 }
 
 /// The value of the input `name` of `shader`, where no shader feeds it.
-pub fn input(shader: &Prim, name: &str, warnings: &mut Warnings) -> Option<Value> {
+pub fn input(shader: &Prim, name: &str, warnings: &mut Reading) -> Option<Value> {
     match trace(&shader.attribute(format!("inputs:{name}")), warnings) {
         Origin::Value(value) => value,
         Origin::Shader { .. } => {
@@ -53,6 +52,6 @@ pub fn input(shader: &Prim, name: &str, warnings: &mut Warnings) -> Option<Value
 }
 
 /// The shader's identifier.
-pub fn shader_id(shader: &Prim, warnings: &mut Warnings) -> String {
+pub fn shader_id(shader: &Prim, warnings: &mut Reading) -> String {
     read::token(shader, "info:id", warnings).unwrap_or_default()
 }

@@ -1,7 +1,6 @@
 //! Primvars: values spread over a mesh by face, point or corner, with or without indices.
 
-use super::read;
-use crate::error::Warnings;
+use super::read::{self, Reading};
 use openusd::sdf::Value;
 use openusd::usd::Prim;
 
@@ -12,8 +11,10 @@ pub enum Interpolation {
     Constant,
     /// Each face.
     Uniform,
-    /// Each point (vertex and varying: the same on a polygon mesh).
-    Point,
+    /// Each point; on a subdivision surface smoothed as the points are.
+    Vertex,
+    /// Each point; on a subdivision surface linear over each face.
+    Varying,
     /// Each face corner.
     FaceVarying,
 }
@@ -43,12 +44,39 @@ pub struct Place {
 }
 
 impl<T: Copy> Primvar<T> {
+    /// Values without indices, as many as `interpolation` asks for.
+    pub fn new(values: Vec<T>, interpolation: Interpolation) -> Self {
+        Self { values, indices: None, interpolation }
+    }
+
+    /// Values by index, as many indices as `interpolation` asks for.
+    pub fn indexed(values: Vec<T>, indices: Vec<i32>, interpolation: Interpolation) -> Self {
+        Self { values, indices: Some(indices), interpolation }
+    }
+
+    pub fn values(&self) -> &[T] {
+        &self.values
+    }
+
+    /// The number of the value of `element` (a face, a point, a corner); equal indices share one.
+    pub fn number(&self, element: usize) -> Option<usize> {
+        match &self.indices {
+            Some(indices) => usize::try_from(*indices.get(element)?).ok(),
+            None => Some(element),
+        }
+    }
+
+    /// True where elements share values by index.
+    pub fn is_indexed(&self) -> bool {
+        self.indices.is_some()
+    }
+
     /// The value at `place`; `None` where an index is out of range.
     pub fn at(&self, place: Place) -> Option<T> {
         let element = match self.interpolation {
             Interpolation::Constant => 0,
             Interpolation::Uniform => place.face,
-            Interpolation::Point => place.point,
+            Interpolation::Vertex | Interpolation::Varying => place.point,
             Interpolation::FaceVarying => place.corner,
         };
         let index = match &self.indices {
@@ -67,7 +95,7 @@ pub fn read_primvar<T: Copy>(
     default: Interpolation,
     sizes: Sizes,
     convert: impl Fn(Value) -> Option<Vec<T>>,
-    warnings: &mut Warnings,
+    warnings: &mut Reading,
 ) -> Option<Primvar<T>> {
     let attribute = prim.attribute(name);
     let values = convert(read::attribute_value(&attribute, warnings)?)?;
@@ -79,7 +107,8 @@ pub fn read_primvar<T: Copy>(
     let interpolation = match authored.as_ref().map(|t| t.as_str()) {
         Some("constant") => Interpolation::Constant,
         Some("uniform") => Interpolation::Uniform,
-        Some("vertex" | "varying") => Interpolation::Point,
+        Some("vertex") => Interpolation::Vertex,
+        Some("varying") => Interpolation::Varying,
         Some("faceVarying") => Interpolation::FaceVarying,
         _ => default,
     };
@@ -91,7 +120,7 @@ pub fn read_primvar<T: Copy>(
     let elements = match interpolation {
         Interpolation::Constant => 1,
         Interpolation::Uniform => sizes.faces,
-        Interpolation::Point => sizes.points,
+        Interpolation::Vertex | Interpolation::Varying => sizes.points,
         Interpolation::FaceVarying => sizes.corners,
     };
     let given = indices.as_ref().map_or(values.len(), Vec::len);

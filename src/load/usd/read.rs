@@ -1,17 +1,38 @@
 //! Attribute values as plain numbers, at the time that a bake sees.
 //!
-//! The time is the default time; an attribute that holds samples alone is read at its earliest one. USD stores one
-//! quantity in many precisions (half, float, double); all of them end here.
+//! Without a time code that is the default time, and an attribute that holds samples alone is read at its earliest one;
+//! with one, values are interpolated between samples as the stage has it (linear, rotations spherically), value clips
+//! included. USD stores one quantity in many precisions (half, float, double); all of them end here.
 
 use crate::error::Warnings;
 use glam::{DMat4, DVec3, DVec4, Quat, Vec2, Vec3, Vec4};
 use openusd::sdf::Value;
 use openusd::usd::{Attribute, Prim, ResolveInfoSource, TimeCode};
+use std::fmt::Display;
 
-/// The value of `attribute`: its default, else its earliest sample, else the schema's fallback. A value that can't be read
-/// is a warning.
-pub fn attribute_value(attribute: &Attribute, warnings: &mut Warnings) -> Option<Value> {
+/// One reading of a stage: the moment that it sees, and what it met and did not read.
+#[derive(Debug, Default)]
+pub struct Reading {
+    /// None: the default time.
+    pub time: Option<TimeCode>,
+    pub warnings: Warnings,
+}
+
+impl Reading {
+    /// Counts the warning `message` at `place`.
+    pub fn add(&mut self, place: impl Display, message: impl Display) {
+        self.warnings.add(place, message);
+    }
+}
+
+/// The value of `attribute` at the reading's time code; without one its default, else its earliest sample, else the schema's
+/// fallback. A value that can't be read is a warning.
+pub fn attribute_value(attribute: &Attribute, reading: &mut Reading) -> Option<Value> {
+    let time = reading.time;
     let read = || {
+        if time.is_some() {
+            return attribute.get_at::<Value>(time);
+        }
         let at_default = attribute.resolve_info_at(None)?;
         if at_default.source() == ResolveInfoSource::Default {
             return attribute.get::<Value>();
@@ -19,14 +40,14 @@ pub fn attribute_value(attribute: &Attribute, warnings: &mut Warnings) -> Option
         attribute.get_at::<Value>(TimeCode::EARLIEST)
     };
     read().unwrap_or_else(|error| {
-        warnings.add(attribute.path(), format!("a value could not be read and was left out: {error}"));
+        reading.add(attribute.path(), format!("a value could not be read and was left out: {error}"));
         None
     })
 }
 
 /// The value of the attribute `name` of `prim`.
-pub fn value(prim: &Prim, name: &str, warnings: &mut Warnings) -> Option<Value> {
-    attribute_value(&prim.attribute(name), warnings)
+pub fn value(prim: &Prim, name: &str, reading: &mut Reading) -> Option<Value> {
+    attribute_value(&prim.attribute(name), reading)
 }
 
 /// True where a layer says something about the attribute `name`.
@@ -34,20 +55,20 @@ pub fn is_authored(prim: &Prim, name: &str) -> bool {
     prim.attribute(name).has_authored_value().unwrap_or(false)
 }
 
-pub fn float(prim: &Prim, name: &str, warnings: &mut Warnings) -> Option<f32> {
-    value(prim, name, warnings).and_then(to_float)
+pub fn float(prim: &Prim, name: &str, reading: &mut Reading) -> Option<f32> {
+    value(prim, name, reading).and_then(to_float)
 }
 
-pub fn boolean(prim: &Prim, name: &str, warnings: &mut Warnings) -> Option<bool> {
-    value(prim, name, warnings).and_then(to_bool)
+pub fn boolean(prim: &Prim, name: &str, reading: &mut Reading) -> Option<bool> {
+    value(prim, name, reading).and_then(to_bool)
 }
 
-pub fn token(prim: &Prim, name: &str, warnings: &mut Warnings) -> Option<String> {
-    value(prim, name, warnings).and_then(to_text)
+pub fn token(prim: &Prim, name: &str, reading: &mut Reading) -> Option<String> {
+    value(prim, name, reading).and_then(to_text)
 }
 
-pub fn rgb(prim: &Prim, name: &str, warnings: &mut Warnings) -> Option<Vec3> {
-    value(prim, name, warnings).and_then(to_vec3)
+pub fn rgb(prim: &Prim, name: &str, reading: &mut Reading) -> Option<Vec3> {
+    value(prim, name, reading).and_then(to_vec3)
 }
 
 pub fn to_bool(value: Value) -> Option<bool> {

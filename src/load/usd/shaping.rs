@@ -7,10 +7,9 @@
 //! `point3f lumel:projector:plane:point`, `normal3f lumel:projector:plane:normal`, `vector3f lumel:projector:plane:up` (optional).
 
 use super::light::{boolean, float, input, rgb};
-use super::read;
+use super::read::{self, Reading};
 use super::walk::{State, Walk};
 use crate::color::Rgb;
-use crate::error::Warnings;
 use crate::load::ies;
 use crate::load::image::ColorSpace;
 use crate::load::projector::{ProjectorRequest, Target};
@@ -24,7 +23,7 @@ use openusd::usd::Prim;
 use std::sync::Arc;
 
 /// Cone and focus, where the light has them.
-pub fn shaping(prim: &Prim, world: DMat4, w: &mut Warnings) -> Option<Shaping> {
+pub fn shaping(prim: &Prim, world: DMat4, w: &mut Reading) -> Option<Shaping> {
     let applied = prim.has_api_schema("ShapingAPI").unwrap_or(false);
     let authored = ["inputs:shaping:cone:angle", "inputs:shaping:cone:softness", "inputs:shaping:focus"];
     if !applied && !authored.iter().any(|name| read::is_authored(prim, name)) {
@@ -41,7 +40,7 @@ pub fn shaping(prim: &Prim, world: DMat4, w: &mut Warnings) -> Option<Shaping> {
 }
 
 /// The asset that the input `name` holds, where it names a file.
-fn asset(prim: &Prim, name: &str, w: &mut Warnings) -> Option<AssetPath> {
+fn asset(prim: &Prim, name: &str, w: &mut Reading) -> Option<AssetPath> {
     match input(prim, name, w) {
         Some(Value::AssetPath(file)) if !file.is_empty() => Some(file),
         _ => None,
@@ -63,7 +62,7 @@ pub fn profile(walk: &mut Walk, prim: &Prim, light: &Light) -> Option<Profile> {
         .open_asset(&ResolvedPath::new(resolved))
         .and_then(|mut asset| asset.read_all())
         .map_err(|error| error.to_string())
-        .and_then(|bytes| ies::read(resolved, &bytes, w).map_err(|error| error.to_string()));
+        .and_then(|bytes| ies::read(resolved, &bytes, &mut w.warnings).map_err(|error| error.to_string()));
     let web = match read {
         Ok(web) => web,
         Err(error) => {
@@ -122,7 +121,7 @@ pub fn projector(
 }
 
 /// The plane that a projector's attributes give, in the world.
-fn plane(prim: &Prim, state: &State, w: &mut Warnings) -> Option<TargetPlane> {
+fn plane(prim: &Prim, state: &State, w: &mut Reading) -> Option<TargetPlane> {
     let mut vector = |name: &str| read::rgb(prim, &format!("lumel:projector:plane:{name}"), w).map(Vec3::as_dvec3);
     let (point, normal, up) = (vector("point")?, vector("normal")?, vector("up"));
     let world_from_parent = state.parent;

@@ -1,22 +1,27 @@
 //! Texture nodes: UsdUVTexture with its UV chain, and the plain image nodes of MaterialX and Arnold.
 
 use super::network::{self, Origin};
-use super::{package_file, read};
-use crate::error::Warnings;
+use super::read::{self, Reading};
+use super::{package_file, udim};
+use crate::color::linear_from_srgb;
 use crate::load::image::{self, ColorSpace};
-use crate::scene::{Material, Mesh, Texture, TextureSlot, Wrap};
+use crate::scene::{Material, Mesh, Texels, Texture, TextureSlot, Wrap};
 use glam::{Affine2, Mat2, Vec2, Vec4};
 use openusd::ar::{DefaultResolver, ResolvedPath, Resolver};
 use openusd::sdf::{AssetPath, Value};
 use openusd::tf::Token;
 use openusd::usd::Prim;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 
 /// Pictures that were read, each once.
 #[derive(Default)]
 pub struct Textures {
     pub textures: Vec<Texture>,
+    /// The tiles of a picture in many files (UDIM), column and row from the lower left, by its first tile.
+    pub tiles: HashMap<usize, BTreeMap<[u32; 2], usize>>,
+    /// Pictures whose alpha is a channel of another's.
+    by_channel: HashMap<(usize, usize), usize>,
     /// The files, packages included.
     pub files: Vec<PathBuf>,
     by_file: HashMap<(String, &'static str), Option<usize>>,
@@ -36,7 +41,7 @@ pub fn missing_uv_sets(mesh: &Mesh, materials: &[Material]) -> Vec<String> {
     used.dedup();
     let mut missing = Vec::new();
     for material in used.iter().filter_map(|&m| materials.get(m as usize)) {
-        for slot in [&material.albedo_texture, &material.emission_texture].into_iter().flatten() {
+        for slot in material.slots() {
             if mesh.uv_set(&slot.uv_set).is_none() {
                 missing.push(format!("has no primvar {}, which its material's texture reads", slot.uv_set));
             }
@@ -48,7 +53,7 @@ pub fn missing_uv_sets(mesh: &Mesh, materials: &[Material]) -> Vec<String> {
 
 impl Textures {
     /// Reads the texture node `shader`; `None` where it is another kind of node.
-    pub fn sample(&mut self, shader: &Prim, output: &str, warnings: &mut Warnings) -> Option<Sampled> {
+    pub fn sample(&mut self, shader: &Prim, warnings: &mut Reading) -> Option<Sampled> {
         let id = network::shader_id(shader, warnings);
         let preview = id == "UsdUVTexture" || id.starts_with("ND_UsdUVTexture");
         let file_input = match id.as_str() {
@@ -59,14 +64,14 @@ impl Textures {
             "arnold:image" | "image" => "filename",
             _ => return None,
         };
-        if matches!(output, "r" | "g" | "b") {
-            warnings.add(shader.path(), "a single channel feeds a colour; the texture's RGB is used");
-        }
         let mut value = |name: &str| network::input(shader, name, warnings);
-        let mut vec4 = |name: &str| value(name).and_then(read::to_vec4);
+        let vec4 = |value: Option<Value>| value.and_then(read::to_vec4);
         let (fallback, scale, bias) = match preview {
-            true => (vec4("fallback"), vec4("scale").unwrap_or(Vec4::ONE), vec4("bias").unwrap_or(Vec4::ZERO)),
-            false => (None, Vec4::ONE, Vec4::ZERO),
+            true => {
+                let [fallback, scale, bias] = ["fallback", "scale", "bias"].map(|name| vec4(value(name)));
+                (fallback, scale.unwrap_or(Vec4::ONE), bias.unwrap_or(Vec4::ZERO))
+            }
+            false => (value("default").and_then(read::to_vec3).map(|v| v.extend(1.0)), Vec4::ONE, Vec4::ZERO),
         };
         let mut text = |name: &str| network::input(shader, name, warnings).and_then(read::to_text);
         let space = match preview {
@@ -84,22 +89,25 @@ impl Textures {
             Origin::Value(Some(Value::String(file))) => Some(AssetPath::new(file)),
             _ => None,
         };
-        let Some(texture) = file.and_then(|file| self.load(shader, &file, space, warnings)) else {
+        let texture = file.and_then(|file| match udim::is_tiled(file.asset_path()) {
+            true => self.load_tiles(shader, file_input, file.asset_path(), space, warnings),
+            false => self.load(shader, &file, space, warnings),
+        });
+        let Some(texture) = texture else {
             return Some(Sampled::Missing(fallback));
         };
-        let (uv_set, image_from_uv) = uv_chain(shader, preview, warnings);
+        let (uv_set, mut image_from_uv) = uv_chain(shader, preview, warnings);
+        if id.starts_with("ND_tiledimage_") {
+            image_from_uv = flipped(tiling(shader, warnings)) * image_from_uv;
+        }
         Some(Sampled::Slot(TextureSlot { texture, uv_set, image_from_uv, wrap, scale, bias }))
     }
 
     /// The index of the picture `file`, read on first use; `None`, with a warning, where that fails.
-    pub fn load(&mut self, prim: &Prim, file: &AssetPath, space: ColorSpace, warnings: &mut Warnings) -> Option<usize> {
+    pub fn load(&mut self, prim: &Prim, file: &AssetPath, space: ColorSpace, warnings: &mut Reading) -> Option<usize> {
         let name = file.asset_path();
         if name.is_empty() {
             warnings.add(prim.path(), "a texture names no file");
-            return None;
-        }
-        if name.contains("<UDIM>") || name.contains("<udim>") {
-            warnings.add(format!("{}: {name}", prim.path()), "UDIM textures are not supported yet; no tile was read");
             return None;
         }
         let Some(resolved) = file.resolved_path() else {
@@ -136,6 +144,69 @@ impl Textures {
     }
 }
 
+impl Textures {
+    /// Reads all tiles of the picture `name` that are there: the index of the first.
+    fn load_tiles(
+        &mut self,
+        shader: &Prim,
+        input: &str,
+        name: &str,
+        space: ColorSpace,
+        warnings: &mut Reading,
+    ) -> Option<usize> {
+        let files = udim::files(shader, input, name);
+        if files.is_empty() {
+            warnings.add(format!("{}: {name}", shader.path()), "no tile of a UDIM texture was found");
+        }
+        let read = |(tile, file): ([u32; 2], AssetPath)| Some((tile, self.load(shader, &file, space, warnings)?));
+        let tiles: BTreeMap<[u32; 2], usize> = files.into_iter().filter_map(read).collect();
+        let first = *tiles.values().next()?;
+        self.tiles.insert(first, tiles);
+        Some(first)
+    }
+
+    /// A slot whose alpha is the channel `output` of the picture of `slot`.
+    pub fn with_alpha(&mut self, mut slot: TextureSlot, output: &str) -> TextureSlot {
+        let channel = match output {
+            "a" => return slot,
+            "g" => 1,
+            "b" => 2,
+            _ => 0,
+        };
+        (slot.scale.w, slot.bias.w) = (slot.scale[channel], slot.bias[channel]);
+        if let Some(tiles) = self.tiles.get(&slot.texture).cloned() {
+            let tiles: BTreeMap<[u32; 2], usize> =
+                tiles.into_iter().map(|(tile, texture)| (tile, self.channel_as_alpha(texture, channel))).collect();
+            slot.texture = tiles.values().next().copied().unwrap_or(slot.texture);
+            self.tiles.insert(slot.texture, tiles);
+        } else {
+            slot.texture = self.channel_as_alpha(slot.texture, channel);
+        }
+        slot
+    }
+
+    fn channel_as_alpha(&mut self, texture: usize, channel: usize) -> usize {
+        if let Some(&known) = self.by_channel.get(&(texture, channel)) {
+            return known;
+        }
+        let Some(source) = self.textures.get(texture) else { return texture };
+        let byte = |v: f32| (v * 255.0).round() as u8;
+        let of_byte = |t: &[u8; 4], linear: &dyn Fn(u8) -> u8| [255, 255, 255, linear(t[channel])];
+        let texels = match &source.texels {
+            Texels::Float(texels) => Texels::Float(texels.iter().map(|t| [1.0, 1.0, 1.0, t[channel]]).collect()),
+            Texels::Linear8(texels) => Texels::Linear8(texels.iter().map(|t| of_byte(t, &|v| v)).collect()),
+            Texels::Srgb8(texels) => {
+                let linear = |v: u8| byte(linear_from_srgb(f32::from(v) / 255.0));
+                Texels::Linear8(texels.iter().map(|t| of_byte(t, &linear)).collect())
+            }
+        };
+        let made = Texture { name: source.name.clone(), texels, ..*source };
+        self.textures.push(made);
+        self.by_channel.insert((texture, channel), self.textures.len() - 1);
+        self.textures.len() - 1
+    }
+}
+
 /// The picture's own name, its extension last: `b.png` for `a.usdz[b.png]`.
 fn resolved_name(resolved: &str) -> &str {
     resolved.rsplit('[').next().unwrap_or(resolved).trim_end_matches(']')
@@ -162,7 +233,7 @@ fn wrap(name: Option<&str>, preview: bool) -> Wrap {
 }
 
 /// The UV set that the texture node reads, and how it is transformed (v down).
-fn uv_chain(shader: &Prim, preview: bool, warnings: &mut Warnings) -> (String, Affine2) {
+fn uv_chain(shader: &Prim, preview: bool, warnings: &mut Reading) -> (String, Affine2) {
     let mut image_from_uv = Affine2::IDENTITY;
     let mut at = shader.attribute(if preview { "inputs:st" } else { "inputs:texcoord" });
     // Each transform node stands behind another; more than a few are a circle.
@@ -189,8 +260,20 @@ fn uv_chain(shader: &Prim, preview: bool, warnings: &mut Warnings) -> (String, A
     ("st".to_owned(), image_from_uv)
 }
 
+/// MaterialX' tiledimage: UVs times uvtiling, less uvoffset, in tiles of a real size (v up).
+fn tiling(node: &Prim, warnings: &mut Reading) -> Affine2 {
+    let mut pair = |name: &str, default: Vec2| {
+        let found = network::input(node, name, warnings).and_then(read::to_vec2);
+        found.filter(|v| v.is_finite()).unwrap_or(default)
+    };
+    let (tiling, offset) = (pair("uvtiling", Vec2::ONE), pair("uvoffset", Vec2::ZERO));
+    let size = pair("realworldtilesize", Vec2::ONE) / pair("realworldimagesize", Vec2::ONE);
+    let size = if size.is_finite() { size } else { Vec2::ONE };
+    Affine2::from_scale(size) * Affine2::from_translation(-offset) * Affine2::from_scale(tiling)
+}
+
 /// UsdTransform2d: scale, then rotation (counter-clockwise, degrees), then translation, v up.
-fn transform2d(node: &Prim, warnings: &mut Warnings) -> Affine2 {
+fn transform2d(node: &Prim, warnings: &mut Reading) -> Affine2 {
     let mut value = |name: &str| network::input(node, name, warnings);
     let scale = value("scale").and_then(read::to_vec2).unwrap_or(Vec2::ONE);
     let rotation = value("rotation").and_then(read::to_float).unwrap_or(0.0);

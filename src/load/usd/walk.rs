@@ -2,15 +2,18 @@
 
 use super::binding::{self, Collections, Level};
 use super::material::Materials;
-use super::surface::MeshKey;
-use super::{light, read, xform};
+use super::read::{self, Reading};
+use super::skel::Skeletons;
+use super::surface::{MeshKey, ShiningKey};
+use super::{light, shape, xform};
 use crate::error::Warnings;
+use crate::load::options::{LoadOptions, Purpose};
 use crate::scene::{Scene, Surface, SurfaceOrigin};
 use glam::{Affine3A, DMat4, Vec3};
 use openusd::sdf::{Path, Specifier};
 use openusd::tf::Token;
-use openusd::usd::{Prim, Stage};
-use std::collections::HashMap;
+use openusd::usd::{Prim, Stage, TimeCode};
+use std::collections::{BTreeSet, HashMap};
 use std::path::PathBuf;
 use std::rc::Rc;
 
@@ -20,6 +23,10 @@ const MAX_DEPTH: usize = 500;
 /// Surfaces beyond this many are left out: nested point instancers multiply.
 pub const MAX_SURFACES: usize = 4_000_000;
 
+/// The attributes of each purpose's own visibility.
+const PURPOSE_VISIBILITY: [(&str, Purpose); 3] =
+    [("renderVisibility", Purpose::Render), ("proxyVisibility", Purpose::Proxy), ("guideVisibility", Purpose::Guide)];
+
 /// What a prim inherits.
 #[derive(Clone)]
 pub struct State {
@@ -27,19 +34,18 @@ pub struct State {
     pub world: DMat4,
     /// The same of its parent.
     pub parent: DMat4,
-    purpose: Purpose,
+    /// None: one that USD doesn't know, which nothing draws.
+    purpose: Option<Purpose>,
+    /// Purposes that are invisible here (VisibilityAPI).
+    hidden: Vec<Purpose>,
+    /// A SkelRoot is above, so that skeletons move meshes.
+    pub in_skel_root: bool,
     pub bindings: Option<Rc<Level>>,
     /// The closest constant displayColor above.
     pub color: Option<Vec3>,
     /// The outermost native instance above, as a path.
     pub instance: Option<Rc<str>>,
     depth: usize,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Purpose {
-    Drawn,
-    Skipped,
 }
 
 /// A surface in the making; its transform stays in double precision until the end.
@@ -67,14 +73,24 @@ impl Placed {
 pub struct Walk {
     pub stage: Stage,
     pub scene: Scene,
-    pub warnings: Warnings,
+    /// The moment that is read, and the warnings.
+    pub warnings: Reading,
     pub materials: Materials,
+    pub skeletons: Skeletons,
+    /// Levels that subdivision surfaces are refined to.
+    pub subdivide: u32,
+    /// Purposes that are drawn beside the default one.
+    purposes: Vec<Purpose>,
     pub surfaces: Vec<Placed>,
     /// The instancers that are being expanded, outermost first.
     pub expanding: Vec<Path>,
     pub collections: Collections,
     /// The meshes that were built, by what they were built from.
     pub meshes: HashMap<MeshKey, usize>,
+    /// Meshes with the light of a mesh light on them.
+    pub shining: HashMap<ShiningKey, usize>,
+    /// The meshes whose faces are not their prim's own.
+    pub remade: BTreeSet<usize>,
     /// Metres, Y up, from the stage's space.
     pub metres: DMat4,
     pub metres_per_unit: f64,
@@ -91,11 +107,13 @@ pub struct Output {
     pub warnings: Warnings,
     /// Texture and profile files that were read.
     pub textures: Vec<PathBuf>,
+    /// The meshes whose faces are not their prim's own.
+    pub remade: BTreeSet<usize>,
 }
 
 impl Walk {
-    pub fn new(stage: Stage) -> Self {
-        let mut warnings = Warnings::default();
+    pub fn new(stage: Stage, options: &LoadOptions) -> Self {
+        let mut warnings = Reading { time: options.time.map(TimeCode::new), warnings: Warnings::default() };
         let metadata = |field: &str| stage.stage_metadata(field).ok().flatten();
         let authored = metadata("metersPerUnit").and_then(read::to_float).map_or(0.01, f64::from);
         let metres_per_unit = if authored.is_finite() && authored > 0.0 {
@@ -111,10 +129,15 @@ impl Walk {
             scene: Scene::default(),
             warnings,
             materials: Materials::default(),
+            skeletons: Skeletons::default(),
+            subdivide: options.subdivide,
+            purposes: options.purposes(),
             surfaces: Vec::new(),
             expanding: Vec::new(),
             collections: Collections::default(),
             meshes: HashMap::new(),
+            shining: HashMap::new(),
+            remade: BTreeSet::new(),
             metres_per_unit,
             z_up,
             pending: light::Pending::default(),
@@ -127,7 +150,9 @@ impl Walk {
         let state = State {
             world: self.metres,
             parent: self.metres,
-            purpose: Purpose::Drawn,
+            purpose: Some(Purpose::Default),
+            hidden: Vec::new(),
+            in_skel_root: false,
             bindings: None,
             color: None,
             instance: None,
@@ -140,7 +165,7 @@ impl Walk {
 
     /// The scene, its surfaces resolved to single precision.
     pub fn finish(self) -> Output {
-        let (mut scene, mut warnings) = (self.scene, self.warnings);
+        let (mut scene, mut reading) = (self.scene, self.warnings);
         let prims: Vec<String> = self.surfaces.iter().map(Placed::prim_path).collect();
         scene.surfaces = self
             .surfaces
@@ -156,8 +181,8 @@ impl Walk {
         scene.materials = materials;
         scene.textures = textures;
         files.extend(self.profiles);
-        self.pending.settle(&mut scene, &prims, &mut warnings);
-        Output { scene, warnings, textures: files }
+        self.pending.settle(&mut scene, &prims, &mut reading);
+        Output { scene, warnings: reading.warnings, textures: files, remade: self.remade }
     }
 
     fn visit_children(&mut self, prim: &Prim, state: &State) {
@@ -185,19 +210,20 @@ impl Walk {
             self.warnings.add(prim.path(), format!("properties could not be composed: {error}"));
             Vec::new()
         });
-        let Some(state) = self.state(prim, &names, above) else { return };
+        let Some(mut state) = self.state(prim, &names, above) else { return };
         let kind = prim.type_name().ok().flatten();
+        state.in_skel_root |= kind.as_ref().is_some_and(|kind| kind.as_str() == "SkelRoot");
         let below = match kind.as_ref().map_or("", |t| t.as_str()) {
             "Material" | "Shader" | "NodeGraph" | "GeomSubset" => false,
             "PointInstancer" => {
-                if state.purpose == Purpose::Drawn {
+                if self.is_drawn(&state) {
                     self.expand(prim, &state);
                 }
                 false
             }
             kind => {
-                if state.purpose == Purpose::Drawn {
-                    self.draw(prim, kind, &names, &state);
+                if self.is_drawn(&state) {
+                    self.draw(prim, kind, &state);
                 }
                 true
             }
@@ -217,9 +243,22 @@ impl Walk {
         }
         if has("purpose") {
             state.purpose = match read::token(prim, "purpose", w).as_deref() {
-                Some("proxy" | "guide") => Purpose::Skipped,
-                _ => Purpose::Drawn,
+                Some("render") => Some(Purpose::Render),
+                Some("proxy") => Some(Purpose::Proxy),
+                Some("guide") => Some(Purpose::Guide),
+                None | Some("" | "default") => Some(Purpose::Default),
+                Some(other) => {
+                    w.add(prim.path(), format!("what has the unknown purpose {other} was left out"));
+                    None
+                }
             };
+        }
+        for (name, purpose) in PURPOSE_VISIBILITY {
+            if has(name) {
+                let is_hidden = read::token(prim, name, w).as_deref() == Some("invisible");
+                state.hidden.retain(|hidden| *hidden != purpose);
+                state.hidden.extend(is_hidden.then_some(purpose));
+            }
         }
         if has("xformOpOrder") {
             let local = xform::local_xform(prim, w);
@@ -243,28 +282,24 @@ impl Walk {
         Some(state)
     }
 
+    /// True where gprims of the purpose of `state` are drawn and visible.
+    fn is_drawn(&self, state: &State) -> bool {
+        state.purpose.is_some_and(|purpose| {
+            purpose == Purpose::Default || self.purposes.contains(&purpose) && !state.hidden.contains(&purpose)
+        })
+    }
+
     /// Makes what `prim` itself shows.
-    fn draw(&mut self, prim: &Prim, kind: &str, names: &[Token], state: &State) {
-        let unsupported = |w: &mut Warnings, what: &str| {
+    fn draw(&mut self, prim: &Prim, kind: &str, state: &State) {
+        let unsupported = |w: &mut Reading, what: &str| {
             w.add(prim.path(), format!("{what} are not supported yet and were left out"));
         };
         match kind {
             "" | "Xform" | "Scope" | "Camera" | "SkelRoot" | "Skeleton" | "SkelAnimation" | "BlendShape" => {}
             // Known families that show nothing.
             kind if ["Render", "Physics"].iter().any(|family| kind.starts_with(family)) => {}
-            "Mesh" => {
-                if names.iter().any(|n| n.as_str() == "primvars:skel:jointIndices" || n.as_str() == "skel:skeleton") {
-                    self.warnings.add(prim.path(), "a skinned mesh is taken in its rest pose");
-                }
-                if prim.has_api_schema("LightAPI").unwrap_or(false) {
-                    let what = "its LightAPI is not supported yet; it shines by its material's emission alone";
-                    self.warnings.add(prim.path(), what);
-                }
-                self.place_mesh(prim, state);
-            }
-            "Cube" | "Sphere" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1" => {
-                unsupported(&mut self.warnings, &format!("implicit shapes ({kind})"));
-            }
+            "Mesh" => self.place_gprim(prim, kind, state),
+            _ if shape::is_shape(kind) => self.place_gprim(prim, kind, state),
             _ if light::is_light(kind) => {
                 if self.expanding.is_empty() {
                     light::read_light(self, prim, kind, state);
@@ -285,7 +320,7 @@ impl Walk {
 }
 
 /// The displayColor of `prim` where it is one colour.
-pub fn constant_color(prim: &Prim, warnings: &mut Warnings) -> Option<Vec3> {
+pub fn constant_color(prim: &Prim, warnings: &mut Reading) -> Option<Vec3> {
     let attribute = prim.attribute("primvars:displayColor");
     let interpolation = attribute.get_metadata::<Token>("interpolation").ok().flatten();
     if interpolation.is_some_and(|i| i.as_str() != "constant") {

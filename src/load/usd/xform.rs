@@ -1,7 +1,6 @@
 //! Local transforms: the xformOp stack.
 
-use super::read;
-use crate::error::Warnings;
+use super::read::{self, Reading};
 use glam::{DMat3, DMat4, DVec3};
 use openusd::usd::{Prim, ResolveInfoSource, TimeCode};
 use openusd_schemas::geom::{Xformable, XformableExt};
@@ -17,12 +16,16 @@ impl LocalXform {
     const IDENTITY: Self = Self { parent_from_local: DMat4::IDENTITY, resets: false };
 }
 
-/// The transform of `prim` at the default time, each op at its earliest sample where it has no default. A stack that can't
+/// The transform of `prim` at the reading's time code; without one at the default time, each op at its earliest sample where
+/// it has no default. A stack that can't
 /// be read counts as none, with a warning.
-pub fn local_xform(prim: &Prim, warnings: &mut Warnings) -> LocalXform {
-    let read = |warnings: &mut Warnings| -> Result<LocalXform, openusd_schemas::SchemaError> {
-        let Some(xformable) = Xformable::from_prim(prim.clone())? else {
-            return Ok(LocalXform::IDENTITY);
+pub fn local_xform(prim: &Prim, warnings: &mut Reading) -> LocalXform {
+    let moment = warnings.time;
+    let read = |warnings: &mut Reading| -> Result<LocalXform, openusd_schemas::SchemaError> {
+        let xformable = match Xformable::from_prim(prim.clone())? {
+            Some(xformable) => xformable,
+            None if is_xformable_elsewhere(prim) => Xformable::from_prim_unchecked(prim.clone()),
+            None => return Ok(LocalXform::IDENTITY),
         };
         let (ops, resets) = xformable.ordered_xform_ops()?;
         let mut parent_from_local = DMat4::IDENTITY;
@@ -40,7 +43,7 @@ pub fn local_xform(prim: &Prim, warnings: &mut Warnings) -> LocalXform {
                 continue;
             }
             let default = op.attribute().resolve_info_at(None)?.source() == ResolveInfoSource::Default;
-            let time = (!default).then_some(TimeCode::EARLIEST);
+            let time = moment.or((!default).then_some(TimeCode::EARLIEST));
             // USD lists ops outermost first, as column-vector products are written.
             parent_from_local *= read::to_matrix(&op.op_transform(time)?);
         }
@@ -50,6 +53,12 @@ pub fn local_xform(prim: &Prim, warnings: &mut Warnings) -> LocalXform {
         warnings.add(prim.path(), format!("the transform could not be read and was left out: {error}"));
         LocalXform::IDENTITY
     })
+}
+
+/// True for prims that schemas beyond ours let be transformed: those of UsdSkel and UsdVol.
+fn is_xformable_elsewhere(prim: &Prim) -> bool {
+    const TYPES: [&str; 4] = ["SkelRoot", "Skeleton", "Volume", "ParticleField"];
+    prim.type_name().ok().flatten().is_some_and(|kind| TYPES.contains(&kind.as_str()))
 }
 
 /// Metres and Y up from the stage's own unit and axis.

@@ -1,11 +1,12 @@
 //! What the layer's opinions depend on in the input stage: topology, instancing, names in use.
 
 use crate::error::{Error, Result};
+use crate::load::usd::{UsdSource, stage};
+use crate::scene::Mesh;
 use openusd::sdf::{FromValue, Value};
 use openusd::usd::{Attribute, Prim, PrimPredicate, Stage, TimeCode};
 use openusd_schemas::shade::MaterialBindingAPI;
 use std::collections::{BTreeSet, HashMap, HashSet};
-use std::path::Path;
 
 /// Prim types that shade: where a texture says which UVs it reads.
 const SHADING: [&str; 3] = ["Material", "Shader", "NodeGraph"];
@@ -13,6 +14,10 @@ const SHADING: [&str; 3] = ["Material", "Shader", "NodeGraph"];
 /// The composed input.
 pub struct Input {
     pub stage: Stage,
+    /// The moment that was baked; none: the default time.
+    time: Option<TimeCode>,
+    /// The scene's meshes whose faces are not their prim's own.
+    remade: BTreeSet<usize>,
     place: String,
     /// Texts that shading nodes hold, and by them the primvars that they read.
     shading_texts: HashSet<String>,
@@ -26,21 +31,21 @@ pub struct Topology {
     /// The point of each corner: faceVertexIndices.
     pub corner_point: Vec<i32>,
     pub point_count: usize,
+    /// The corners of each of our triangles.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 impl Input {
-    /// Opens the stage at `path`.
+    /// Opens the stage of `source` as the loader did.
     ///
     /// # Errors
     /// `Invalid` where it can't be read.
-    pub fn open(path: &Path) -> Result<Self> {
-        let place = path.display().to_string();
-        let invalid = |e: openusd::Error| Error::invalid(&place, e);
-        let text = path.to_str().ok_or_else(|| Error::unsupported(&place, "the path is not Unicode; rename it"))?;
-        let stage = Stage::builder().schema_registry(openusd_schemas::schema_registry()).open(text).map_err(invalid)?;
+    pub fn open(source: &UsdSource) -> Result<Self> {
         let mut input = Self {
-            stage,
-            place,
+            stage: stage::open(&source.path, &source.variants)?,
+            time: source.time.map(TimeCode::new),
+            remade: source.remade.clone(),
+            place: source.path.display().to_string(),
             shading_texts: HashSet::new(),
             color_materials: HashSet::new(),
             instances: HashMap::new(),
@@ -127,16 +132,28 @@ impl Input {
         self.stage.root_prims().unwrap_or_default().iter().map(|n| n.as_str().to_string()).collect()
     }
 
-    /// The mesh's corners; `None` where the prim is no mesh.
-    pub fn topology(&self, prim: &Prim) -> Option<Topology> {
-        let corner_point: Vec<i32> = value(&prim.attribute("faceVertexIndices"))?;
-        let points: Vec<openusd::gf::Vec3f> = value(&prim.attribute("points")).unwrap_or_default();
-        Some(Topology { corner_point, point_count: points.len() })
+    /// True where the faces of the scene's mesh `mesh` are not its prim's own.
+    pub fn is_remade(&self, mesh: usize) -> bool {
+        self.remade.contains(&mesh)
+    }
+
+    /// The corners of `prim`, of which the scene made its mesh number `index`, `mesh`; `None` where the prim is no mesh. A
+    /// remade one has those of the Mesh that stands in for it: its triangles.
+    pub fn topology(&self, prim: &Prim, index: usize, mesh: &Mesh) -> Option<Topology> {
+        if self.is_remade(index) {
+            let corner_point = mesh.triangles.iter().flatten().map(|&v| v as i32).collect();
+            let triangles = (0..mesh.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+            return Some(Topology { corner_point, point_count: mesh.positions.len(), triangles });
+        }
+        let corner_point: Vec<i32> = self.value(&prim.attribute("faceVertexIndices"))?;
+        let points: Vec<openusd::gf::Vec3f> = self.value(&prim.attribute("points")).unwrap_or_default();
+        let triangles = mesh.origin.iter().map(|origin| origin.corners).collect();
+        Some(Topology { corner_point, point_count: points.len(), triangles })
     }
 
     /// Instances of a point instancer, those that aren't shown included.
     pub fn point_count(&self, instancer: &Prim) -> usize {
-        value::<Vec<i32>>(&instancer.attribute("protoIndices")).map_or(0, |indices| indices.len())
+        self.value::<Vec<i32>>(&instancer.attribute("protoIndices")).map_or(0, |indices| indices.len())
     }
 
     /// True where the look of `prim` depends on its displayColor: a material bound to it or a subset of it reads it, or no
@@ -169,13 +186,16 @@ impl Input {
         let bound = purposes.filter_map(|p| binding.compute_bound_material(p).ok().flatten());
         bound.map(|p| p.as_str().to_string()).collect()
     }
-}
 
-/// An attribute's value: the default, or the first of its samples.
-fn value<T: FromValue>(attribute: &Attribute) -> Option<T>
-where
-    T::Error: Into<openusd::Error>,
-{
-    let default = attribute.get::<T>().ok().flatten();
-    default.or_else(|| attribute.get_at::<T>(TimeCode::EARLIEST).ok().flatten())
+    /// An attribute's value at the moment that was baked: without a time code the default, or the first of its samples.
+    pub fn value<T: FromValue>(&self, attribute: &Attribute) -> Option<T>
+    where
+        T::Error: Into<openusd::Error>,
+    {
+        if self.time.is_some() {
+            return attribute.get_at::<T>(self.time).ok().flatten();
+        }
+        let default = attribute.get::<T>().ok().flatten();
+        default.or_else(|| attribute.get_at::<T>(TimeCode::EARLIEST).ok().flatten())
+    }
 }

@@ -26,6 +26,10 @@ pub struct Prim {
     pub inactive: bool,
     /// Prims to inherit from, stronger than those of the input.
     pub inherits: Vec<String>,
+    /// Another type than the input's.
+    pub type_name: Option<&'static str>,
+    /// Variants to select, by their sets.
+    pub variants: BTreeMap<String, String>,
     attributes: Vec<Attribute>,
     children: BTreeMap<String, Prim>,
 }
@@ -90,8 +94,9 @@ impl Prim {
     fn write(&self, out: &mut impl Write, name: &str, depth: usize) -> io::Result<()> {
         let indent = "    ".repeat(depth);
         let specifier = if self.is_class { "class" } else { "over" };
-        write!(out, "{indent}{specifier} {}", quoted(name))?;
-        if self.inactive || !self.inherits.is_empty() {
+        let type_name = self.type_name.map(|name| format!("{name} ")).unwrap_or_default();
+        write!(out, "{indent}{specifier} {type_name}{}", quoted(name))?;
+        if self.inactive || !self.inherits.is_empty() || !self.variants.is_empty() {
             out.write_all(b" (\n")?;
             if self.inactive {
                 writeln!(out, "{indent}    active = false")?;
@@ -99,6 +104,13 @@ impl Prim {
             if !self.inherits.is_empty() {
                 let paths: Vec<String> = self.inherits.iter().map(|p| format!("<{p}>")).collect();
                 writeln!(out, "{indent}    prepend inherits = [{}]", paths.join(", "))?;
+            }
+            if !self.variants.is_empty() {
+                writeln!(out, "{indent}    variants = {{")?;
+                for (set, name) in &self.variants {
+                    writeln!(out, "{indent}        string {} = {}", quoted(set), quoted(name))?;
+                }
+                writeln!(out, "{indent}    }}")?;
             }
             write!(out, "{indent})")?;
         }
@@ -126,6 +138,11 @@ impl Attribute {
     pub fn primvar(type_name: &'static str, name: &str, interpolation: &'static str, value: String) -> Self {
         let name = format!("primvars:{name}");
         Self { custom: false, type_name, name, value, interpolation: Some(interpolation), baked: false }
+    }
+
+    /// An attribute of the prim's own schema.
+    pub fn of_schema(type_name: &'static str, name: impl Into<String>, value: String) -> Self {
+        Self { custom: false, ..Self::custom(type_name, name, value) }
     }
 
     fn write(&self, out: &mut impl Write, indent: &str) -> io::Result<()> {

@@ -5,6 +5,7 @@
 
 use super::layer::{self, Layer};
 use crate::error::{Error, Result, Warnings};
+use crate::load::Source;
 use crate::write::Baked;
 use openusd::sdf::{self, AbstractData, AssetPath, Value};
 use openusd::usda::TextWriter;
@@ -83,7 +84,7 @@ fn text(value: &Value, name: &str, depth: usize, warnings: &mut Warnings) -> Opt
     Some(lines + &indent + "}")
 }
 
-/// The contents of `customLayerData.lumel`.
+/// The contents of `customLayerData.lumel`; `time` is there where a time code was asked for.
 fn bake_data(baked: &Baked) -> Result<HashMap<String, Value>> {
     let quantity = baked.quantity;
     let mut pages = Vec::with_capacity(baked.page_uris.len());
@@ -92,12 +93,17 @@ fn bake_data(baked: &Baked) -> Result<HashMap<String, Value>> {
         layer::asset(&path)?;
         pages.push(AssetPath::new(path));
     }
-    Ok(HashMap::from([
+    let time = match baked.source {
+        Source::Usd(source) => source.time.map(|time| ("time".to_string(), Value::Double(time))),
+        Source::Gltf(_) => None,
+    };
+    let entries = [
         ("version".to_string(), Value::String(env!("CARGO_PKG_VERSION").to_string())),
         ("quantity".to_string(), Value::String(quantity.name().to_string())),
         ("unit".to_string(), Value::String(quantity.unit().to_string())),
         ("pages".to_string(), Value::AssetPathVec(pages)),
-    ]))
+    ];
+    Ok(entries.into_iter().chain(time).collect())
 }
 
 /// A page's asset path: `./` makes it relative to the layer, and not to a search path.

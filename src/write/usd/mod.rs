@@ -1,4 +1,4 @@
-//! USD writer: a layer over the input that holds lightmap UVs, rectangles, pages and baked colours, and no geometry.
+//! USD writer: a layer over the input that holds lightmap UVs, rectangles, pages and baked colours.
 //!
 //! The input is its only sublayer, so references, payloads, variants and animation stay live. Every gprim with a lightmap has
 //!
@@ -21,6 +21,10 @@
 //! primvars:lumel:page` (-1 for none), and `asset[] lumel:lightmaps`, the pages by that number. Where a prototype holds several
 //! gprims, the arrays' names end in the gprim's whole path in the same way. The UVs are on the prototypes.
 //!
+//! Surfaces whose faces are not their prim's own, implicit shapes and refined subdivision surfaces, can't hold such UVs: the
+//! layer makes their prim a plain Mesh of the triangles that were baked ([`stand_in`]), which is all the geometry that it
+//! has. Variants that were chosen for the bake are chosen in the layer too.
+//!
 //! Baked colours differ between instances that share their primvars, so they are left out there.
 
 mod input;
@@ -28,11 +32,13 @@ mod instances;
 mod layer;
 mod metadata;
 mod primvars;
+mod stand_in;
 mod surfaces;
 
 use super::{Baked, BakedLights};
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
+use crate::load::usd::UsdSource;
 use crate::scene::Environment;
 use input::Input;
 use instances::Instances;
@@ -58,20 +64,23 @@ pub fn write(path: &Path, baked: &Baked) -> Result<Warnings> {
     // The openusd crate recurses over the namespace and may panic on a broken file; the loader guards itself alike.
     let writer = std::thread::Builder::new().name("usd writer".into()).stack_size(STACK);
     std::thread::scope(|scope| {
-        let handle = writer.spawn_scoped(scope, || write_layer(path, &source.path, baked));
+        let handle = writer.spawn_scoped(scope, || write_layer(path, source, baked));
         let failed = || Error::invalid(source.path.display(), "could not be read again; check it with usdchecker");
         handle.map_err(|e| Error::io(path, e))?.join().map_err(|_| failed())?
     })
 }
 
-fn write_layer(path: &Path, source: &Path, baked: &Baked) -> Result<Warnings> {
+fn write_layer(path: &Path, source: &UsdSource, baked: &Baked) -> Result<Warnings> {
     let mut warnings = Warnings::default();
     let mut input = Input::open(source)?;
     let mut layer = Layer::default();
-    let sublayer = metadata::relative(source, baked.folder)?;
+    let sublayer = metadata::relative(&source.path, baked.folder)?;
     metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked, &mut warnings)?;
     let mut instances = surfaces::author(baked, &mut input, &mut layer, &mut warnings)?;
     mark_lights(baked, &mut input, &mut instances, &mut layer, &mut warnings);
+    for selection in &source.variants {
+        layer.prim(&selection.prim).variants.insert(selection.set.clone(), selection.name.clone());
+    }
 
     let io = |e| Error::io(path, e);
     let mut out = BufWriter::new(File::create(path).map_err(io)?);

@@ -3,7 +3,6 @@
 use super::input::Topology;
 use super::layer::{Attribute, array, tuple};
 use crate::color::Rgb;
-use crate::scene::Mesh;
 use crate::unwrap::{MeshUvs, Placement};
 use glam::Vec2;
 use std::collections::HashMap;
@@ -11,10 +10,10 @@ use std::fmt::Write as _;
 use std::hash::BuildHasherDefault;
 
 /// The primvar `name` that holds a mesh's lightmap UVs (0..1, v up as USD has it; before the surface's rectangle); corners
-/// of faces that hold no triangle of ours get (0, 0). `None` where the mesh's origins don't fit `topology`.
-pub fn uvs(name: &str, mesh: &Mesh, uvs: &MeshUvs, topology: &Topology) -> Option<[Attribute; 2]> {
+/// of faces that hold no triangle of ours get (0, 0). `None` where the mesh doesn't fit `topology`.
+pub fn uvs(name: &str, uvs: &MeshUvs, topology: &Topology) -> Option<[Attribute; 2]> {
     let flip = |uv: Vec2| [uv.x, 1.0 - uv.y];
-    let corners = scatter(mesh, uvs.corners.iter().map(|c| c.map(flip)), topology.corner_point.len())?;
+    let corners = scatter(topology, uvs.corners.iter().map(|c| c.map(flip)))?;
     let corners: Vec<[f32; 2]> = corners.into_iter().map(Option::unwrap_or_default).collect();
     Some(indexed("texCoord2f[]", name, &corners))
 }
@@ -22,14 +21,8 @@ pub fn uvs(name: &str, mesh: &Mesh, uvs: &MeshUvs, topology: &Topology) -> Optio
 /// The primvar `name` that holds `colors` (three a triangle, not clamped, any unit): `vertex` where all corners of each
 /// point agree, else faceVarying. Points and corners without a triangle of ours get black. `None` as in [`uvs`].
 /// `was_indexed`: a weaker layer indexes the primvar of that name, so that its indices must be blocked.
-pub fn colors(
-    name: &str,
-    mesh: &Mesh,
-    colors: &[[Rgb; 3]],
-    topology: &Topology,
-    was_indexed: bool,
-) -> Option<Vec<Attribute>> {
-    let corners = scatter(mesh, colors.iter().map(|c| c.map(|v| v.to_array())), topology.corner_point.len())?;
+pub fn colors(name: &str, colors: &[[Rgb; 3]], topology: &Topology, was_indexed: bool) -> Option<Vec<Attribute>> {
+    let corners = scatter(topology, colors.iter().map(|c| c.map(|v| v.to_array())))?;
     if let Some(points) = by_point(&corners, topology) {
         let value = array(&points, |text, v| tuple(text, v));
         let mut attributes = vec![Attribute::primvar("color3f[]", name, "vertex", value)];
@@ -51,17 +44,13 @@ pub fn scale_offset(placement: &Placement) -> [f32; 4] {
 }
 
 /// Values of triangle corners at their places in faceVertexIndices, `None` where no triangle has the corner.
-fn scatter<T: Copy>(
-    mesh: &Mesh,
-    triangles: impl ExactSizeIterator<Item = [T; 3]>,
-    count: usize,
-) -> Option<Vec<Option<T>>> {
-    if triangles.len() != mesh.origin.len() {
+fn scatter<T: Copy>(topology: &Topology, triangles: impl ExactSizeIterator<Item = [T; 3]>) -> Option<Vec<Option<T>>> {
+    if triangles.len() != topology.triangles.len() {
         return None;
     }
-    let mut corners = vec![None; count];
-    for (origin, values) in mesh.origin.iter().zip(triangles) {
-        for (&corner, value) in origin.corners.iter().zip(values) {
+    let mut corners = vec![None; topology.corner_point.len()];
+    for (places, values) in topology.triangles.iter().zip(triangles) {
+        for (&corner, value) in places.iter().zip(values) {
             *corners.get_mut(corner as usize)? = Some(value);
         }
     }
@@ -105,7 +94,8 @@ fn indexed<const N: usize>(type_name: &'static str, name: &str, corners: &[[f32;
     [Attribute::primvar(type_name, name, "faceVarying", value), indices(name, index)]
 }
 
-fn indices(name: &str, value: String) -> Attribute {
+/// The indices of the primvar `name`; the value `None` blocks those of weaker layers.
+pub fn indices(name: &str, value: String) -> Attribute {
     let name = format!("primvars:{name}:indices");
     Attribute { custom: false, type_name: "int[]", name, value, interpolation: None, baked: false }
 }

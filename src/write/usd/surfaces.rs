@@ -4,7 +4,7 @@ use super::input::Input;
 use super::instances::{InstanceSurfaces, Instances};
 use super::layer::{self, Attribute, Layer, array, quoted, tuple};
 use super::metadata::page_path;
-use super::primvars;
+use super::{primvars, stand_in};
 use crate::error::{Result, Warnings};
 use crate::scene::SurfaceOrigin;
 use crate::write::Baked;
@@ -80,7 +80,7 @@ pub fn author(baked: &Baked, input: &mut Input, layer: &mut Layer, warnings: &mu
 
 /// The first of `st1`, `st2`, ... that no material reads.
 fn free_uv_name(baked: &Baked, input: &Input, warnings: &mut Warnings) -> String {
-    let slots = baked.scene.materials.iter().flat_map(|m| m.albedo_texture.iter().chain(&m.emission_texture));
+    let slots = baked.scene.materials.iter().flat_map(crate::scene::Material::slots);
     let used: Vec<&str> = slots.map(|s| s.uv_set.as_str()).collect();
     let is_free = |name: &String| !used.contains(&name.as_str()) && !input.is_read_by_shading(name);
     let name = (1..).map(|i| format!("st{i}")).find(is_free).unwrap_or_else(|| "st1".into());
@@ -205,17 +205,16 @@ impl Author<'_, '_> {
             }
             return same;
         }
-        let Some(topology) = self.input.topology(&prim) else {
+        let Some(topology) = self.input.topology(&prim, mesh, scene_mesh) else {
             self.warnings.add(path, "is no mesh, and only meshes can hold lightmap UVs; it has none in the layer");
             return false;
         };
-        let authored = uvs
-            .authored
-            .as_deref()
-            .filter(|name| prim.attribute(format!("primvars:{name}")).has_authored_value().unwrap_or(false));
+        let is_remade = self.input.is_remade(mesh);
+        let is_authored = |name: &str| prim.attribute(format!("primvars:{name}")).has_authored_value().unwrap_or(false);
+        let authored = uvs.authored.as_deref().filter(|name| is_remade || is_authored(name));
         let new = match authored {
             Some(_) => Vec::new(),
-            None => match primvars::uvs(&self.uv_name, scene_mesh, uvs, &topology) {
+            None => match primvars::uvs(&self.uv_name, uvs, &topology) {
                 Some(attributes) => attributes.into(),
                 None => {
                     self.warnings
@@ -226,6 +225,9 @@ impl Author<'_, '_> {
         };
         let name = quoted(authored.unwrap_or(&self.uv_name));
         let quantity = self.quantity();
+        if is_remade {
+            stand_in::author(&prim, scene_mesh, &site, self.input, self.layer, self.warnings);
+        }
         let prim = self.layer.prim(&site);
         new.into_iter().for_each(|a| prim.set(a));
         prim.set(Attribute::custom("token", "lumel:uvName", name));
@@ -255,15 +257,16 @@ impl Author<'_, '_> {
 
     /// The baked colours of a gprim that no other shares.
     fn colors(&mut self, path: &str, surface: usize) -> Vec<Attribute> {
-        let mesh = &self.baked.scene.meshes[self.baked.scene.surfaces[surface].mesh];
+        let index = self.baked.scene.surfaces[surface].mesh;
+        let mesh = &self.baked.scene.meshes[index];
         let Some(colors) = self.baked.corners.and_then(|c| c.surfaces.get(surface)) else { return Vec::new() };
         let Some(prim) = self.input.prim(path) else { return Vec::new() };
-        let Some(topology) = self.input.topology(&prim) else { return Vec::new() };
+        let Some(topology) = self.input.topology(&prim, index, mesh) else { return Vec::new() };
         let mut attributes = Vec::new();
         let mut add = |name: &str, baked: bool| {
             let indices = prim.attribute(format!("primvars:{name}:indices"));
             let was_indexed = indices.has_authored_value().unwrap_or(false);
-            let mut new = primvars::colors(name, mesh, colors, &topology, was_indexed).unwrap_or_default();
+            let mut new = primvars::colors(name, colors, &topology, was_indexed).unwrap_or_default();
             if let Some(first) = new.first_mut() {
                 first.baked = baked;
             }
