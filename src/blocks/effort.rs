@@ -20,7 +20,7 @@ const MOST: u32 = 1024;
 const STRATIFIED: f32 = 0.15;
 
 /// Fronts whose demands are summed by one thread, and how closely the scale of a plan is found.
-const PART: usize = 8192;
+const PART: usize = 2048;
 const PRECISION: f32 = 1.001;
 
 /// The share of blocks, by area, whose errors don't count: the worst.
@@ -88,7 +88,11 @@ pub fn variances(system: &System, radiosity: &Radiosity) -> Vec<f32> {
         system.each_sky(b, k, None, |light| add(luminance(light)));
         (squares - sum * sum / n).max(0.0) * n
     };
-    (0..system.blocks.fronts()).into_par_iter().map(|b| 0.5 * (of_half(b, 0) + of_half(b, 1))).collect()
+    (0..system.blocks.fronts())
+        .into_par_iter()
+        .with_max_len(PART)
+        .map(|b| 0.5 * (of_half(b, 0) + of_half(b, 1)))
+        .collect()
 }
 
 impl Stakes {

@@ -20,6 +20,9 @@ use crate::progress::Progress;
 use glam::Vec3;
 use rayon::prelude::*;
 
+/// Blocks that a thread takes at once, at most: some cost far more than others, and none may wait for one thread's share.
+const SHARE: usize = 128;
+
 /// Samples in each half of a back that is seen from a front or shines, and of one that is seen from other backs alone.
 const BACK_SAMPLES: u32 = 32;
 const DEEP_SAMPLES: u32 = 8;
@@ -181,6 +184,7 @@ impl<'a> Field<'a> {
         let done: Result<Vec<(u64, Vec<u32>)>> = sampled
             .par_iter_mut()
             .enumerate()
+            .with_max_len(SHARE)
             .filter(|(b, _)| plan[*b] > 0)
             .map_init(
                 || Scratch::new(lit.ground),
@@ -215,6 +219,7 @@ impl<'a> Field<'a> {
         let fresh: Vec<u32> = patches.iter().copied().filter(|i| !self.on_backs.of_patch.contains_key(i)).collect();
         let found: Vec<Arriving> = fresh
             .par_iter()
+            .with_max_len(SHARE)
             .map(|&i| {
                 progress.check()?;
                 Ok(draw.direct_on_back(i as usize))
@@ -242,7 +247,7 @@ impl<'a> Field<'a> {
             }
             Ok((sum.map(|sum| sum / count), rays))
         };
-        let found: Vec<([Rgb; 2], u64)> = list.par_iter().map(mean).collect::<Result<_>>()?;
+        let found: Vec<([Rgb; 2], u64)> = list.par_iter().with_max_len(SHARE).map(mean).collect::<Result<_>>()?;
         let fronts = self.blocks.fronts();
         for (&b, (mean, rays)) in list.iter().zip(found) {
             self.on_backs.of_block[b - fronts] = Some(mean);
@@ -345,7 +350,7 @@ impl<'a> Field<'a> {
     pub fn responses(&self, radiosity: &Radiosity, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Vec<Response> {
         let system = self.system();
         let respond = |b: usize| Response::new(&system, radiosity, &normal, b);
-        (0..self.blocks.fronts()).into_par_iter().map(respond).collect()
+        (0..self.blocks.fronts()).into_par_iter().with_max_len(SHARE).map(respond).collect()
     }
 
     /// Forgets what was seen, and what patches send.

@@ -60,6 +60,7 @@ impl Reach {
         let count = count.clamp(LEAST_RAYS, MOST_RAYS);
         let landed: Vec<Vec<u32>> = (0..clusters)
             .into_par_iter()
+            .with_max_len(1)
             .map(|c| {
                 progress.check()?;
                 Ok(shoot(lit, blocks, guide, c, count, seed))

@@ -14,6 +14,9 @@ use rayon::prelude::*;
 /// Blocks whose texels are found before they are handed on.
 const BATCH: usize = 512;
 
+/// Blocks that a thread takes at once, at most.
+const SHARE: usize = 16;
+
 /// Calls `put` with the values of every patch that has a block, block by block. `around` lists each front and its neighbours, `normal`
 /// is the one that a patch shows.
 pub fn show(
@@ -30,7 +33,7 @@ pub fn show(
     };
     for first in (0..around.len()).step_by(BATCH) {
         let batch = first..(first + BATCH).min(around.len());
-        let shown: Vec<Vec<Values>> = batch.clone().into_par_iter().map(of_block).collect();
+        let shown: Vec<Vec<Values>> = batch.clone().into_par_iter().with_max_len(SHARE).map(of_block).collect();
         for (b, shown) in batch.zip(&shown) {
             blocks.members(b).iter().zip(shown).for_each(|(&i, values)| put(i as usize, values));
         }

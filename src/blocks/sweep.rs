@@ -19,7 +19,7 @@ use std::collections::HashMap;
 /// Sweeps at most: at an albedo of 0.97 light falls to a thousandth in some 230.
 const MOST_SWEEPS: u32 = 400;
 
-/// Patches that a thread takes at least.
+/// Patches that a thread takes at least, and blocks that it takes at most.
 const BATCH: usize = 4096;
 
 /// What does not change from sweep to sweep.
@@ -133,6 +133,7 @@ impl System<'_> {
     fn sweep(&self, radiosity: &Radiosity) -> Vec<Rgb> {
         (0..self.blocks.list.len())
             .into_par_iter()
+            .with_max_len(BATCH)
             .map(|b| {
                 let [first, second] = &self.sampled[b].halves;
                 self.base[b] + 0.5 * (Self::collect(first, radiosity) + Self::collect(second, radiosity))

@@ -59,6 +59,8 @@ pub struct Direct {
 
 /// Blocks of 2^3 texels a side share a cut through the light tree and the rays of a glance.
 const BLOCK_LEVEL: u32 = 3;
+/// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.
+const SHARE: usize = 8;
 /// Blocks that are glanced at before what was seen is put away.
 const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
@@ -91,7 +93,8 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
                 glance(sight, emitters, sites, &mut Volley::default())
             }))
         };
-        let glances: Vec<Vec<(Arriving, Ballot)>> = batch.par_iter().map(look).collect::<Result<_>>()?;
+        let glances: Vec<Vec<(Arriving, Ballot)>> =
+            batch.par_iter().with_max_len(SHARE).map(look).collect::<Result<_>>()?;
         around.extend(glances.iter().map(|block| mean_light(block)));
         for (arrived, ballot) in glances.into_iter().flatten() {
             arriving.push(arrived);
@@ -226,6 +229,7 @@ impl Close<'_> {
             .collect();
         let looked: Vec<Vec<Examined>> = by_block
             .into_par_iter()
+            .with_max_len(SHARE)
             .map(|(b, wanted)| {
                 self.progress.check()?;
                 let (members, bits): (Vec<usize>, Vec<u32>) = wanted.iter().copied().unzip();
@@ -247,6 +251,7 @@ impl Close<'_> {
 fn add_sky(lit: &Lit, blocks: &[Range<usize>], arriving: &mut [Arriving], progress: &dyn Progress) -> Result<()> {
     let found: Vec<Vec<Arriving>> = blocks
         .par_iter()
+        .with_max_len(SHARE)
         .map(|block| {
             progress.check()?;
             let all: Vec<usize> = block.clone().collect();

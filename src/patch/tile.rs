@@ -64,6 +64,7 @@ pub(super) fn entries(
     let count = triangles.count();
     let chunks: Vec<Vec<Entry>> = (0..count.div_ceil(CHUNK))
         .into_par_iter()
+        .with_max_len(1)
         .map(|chunk| {
             progress.check()?;
             let mut found = Vec::new();

@@ -31,6 +31,9 @@ const STRATA_LEVEL: u32 = 2;
 /// Blocks whose first rays are traced together.
 const BATCH: usize = 64;
 
+/// Blocks that a thread probes at once, at most.
+const SHARE: usize = 16;
+
 /// Rays that a cell gets in all before it counts as buried; and those that do where they show the same in all cells of a block.
 const RAYS_A_CELL: u32 = 8;
 const RAYS_ALIKE: u32 = 2;
@@ -84,6 +87,7 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
         let near: Vec<usize> = (0..blocks.len()).into_par_iter().filter(is_near).collect();
         let probed: Vec<(Vec<CellMask>, u64)> = near
             .par_iter()
+            .with_max_len(SHARE)
             .map(|&b| {
                 progress.check()?;
                 let mut traced = 0;
@@ -126,6 +130,7 @@ fn leave_inside_out_charts(ground: &Ground, cells: &mut [CellMask]) {
 fn glance(ground: &Ground, blocks: &[Range<usize>], seed: u32, progress: &dyn Progress) -> Result<Vec<usize>> {
     let meets_backs: Vec<Vec<usize>> = (0..blocks.len().div_ceil(BATCH))
         .into_par_iter()
+        .with_max_len(1)
         .map(|batch| {
             progress.check()?;
             let batch = batch * BATCH..blocks.len().min((batch + 1) * BATCH);
