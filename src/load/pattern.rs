@@ -1,8 +1,7 @@
 //! Patterns over paths, by which settings name objects, materials and lamps.
 //!
 //! A path is names joined by `/`. In a pattern `*` stands for anything within a name, `?` for one character, and the name `**`
-//! for any number of names. A pattern without `/` holds for a name at any depth; others begin at the root, with or without a
-//! leading `/`. What lies below a match is matched too, as it inherits what is said of its parent. The number of an instance,
+//! for any number of names. A pattern with a leading `/` begins at the root, others anywhere. What lies below a match is matched too, as it inherits what is said of its parent. The number of an instance,
 //! as in `Tree[3]`, may be left out.
 
 use std::collections::BTreeSet;
@@ -32,7 +31,7 @@ impl Pattern {
             return Err("is an empty pattern; give a path such as Room/Chair*, or ** for everything".into());
         }
         let is_below = names.last() == Some(&"**");
-        if !text.contains('/') && !is_below {
+        if !text.starts_with('/') {
             names.insert(0, "**");
         }
         let mut runs = vec![Vec::new()];
@@ -157,6 +156,9 @@ mod tests {
             ("B", "A/B/C"),
             ("/A", "/A/B"),
             ("A/B", "/A/B"),
+            ("B/C", "/A/B/C"),
+            ("B/*", "A/B/C"),
+            ("B/**", "A/B/C"),
             ("/A/*/C", "/A/B/C/D"),
             ("/A/**/D", "/A/B/C/D"),
             ("/A/**/D", "/A/D"),
@@ -171,6 +173,7 @@ mod tests {
             ("/B", "/A/B"),
             ("/A/*", "/A"),
             ("/A/**", "/A"),
+            ("B/**", "A/B"),
             ("A/C", "/A/B/C"),
             ("Tree[2]", "Wood/Tree[3]"),
             ("Tree", "Wood/Trees"),

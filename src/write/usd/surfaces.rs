@@ -135,6 +135,9 @@ impl Author<'_, '_> {
         for (prim, &(surface, mesh)) in surfaces {
             let path = format!("{root}/{prim}");
             if !self.baked.atlas.is_shown(surface) {
+                if self.baked.scene.surfaces[surface].role.receives {
+                    self.warnings.add(&path, SHARED);
+                }
                 continue;
             }
             if !self.uvs(&path, mesh) {
