@@ -8,7 +8,7 @@ use lumel::illuminate::{Illuminated, illuminate};
 use lumel::load::{self, LampEdit, LoadOptions, Loaded, MaterialEdit, ObjectEdit};
 use lumel::progress::Silent;
 use lumel::scene::role::HIDDEN_SCALE;
-use lumel::scene::{Light, LightShape, Role, Scene};
+use lumel::scene::{Light, LightShape, Role, Scene, Surface};
 use lumel::settings::{Gather, Method, Quality, Settings};
 use lumel::solve::Solver;
 use lumel::trace::{Ray, Tracer};
@@ -176,6 +176,34 @@ fn density_is_each_objects_own() {
             assert!((texels / count as f64 - 1.0).abs() < 0.05, "{texels}");
         }
     }
+}
+
+#[test]
+fn instances_share_the_density_that_most_ask_for() {
+    let mut scene = scene(&[Quad::new([0.; 3], [0., 0., 3.], [4., 0., 0.])]);
+    let first = scene.surfaces[0].clone();
+    scene.surfaces = (0..4)
+        .map(|k| {
+            let density = (k == 1).then_some(80.0);
+            let role = Role { density, receives: k != 3, ..Role::default() };
+            Surface { name: format!("tree[{k}]"), role, ..first.clone() }
+        })
+        .collect();
+    let params = UnwrapParams {
+        density: Density::TexelsPerMetre(10.0),
+        page_size: 256,
+        max_pages: 8,
+        padding: 2,
+        uv: UvMode::New,
+        uv_name: None,
+    };
+    let (atlas, warnings) = unwrap(&scene, &params, &Silent).unwrap();
+    for s in 0..4 {
+        assert!((atlas.surface_density(&scene, s) / 10.0 - 1.0).abs() < 0.05);
+        assert_eq!(atlas.is_shown(s), s != 3);
+    }
+    let warning = warnings.iter().next().unwrap();
+    assert!(warning.message.contains("what most of them ask for") && warning.places == ["tree[1]"], "{warnings:?}");
 }
 
 // ---- the files ----

@@ -49,29 +49,27 @@ impl Share {
     }
 }
 
-/// The share of each mesh, whose surfaces are `users`. Shown surfaces of one mesh that disagree get the finest of what they
-/// ask for, with a warning; hidden ones follow them.
+/// The share of each mesh, whose surfaces are `users`. Where shown surfaces of one mesh disagree, what most of them ask for
+/// holds (of equals, what the first one does), with a warning; hidden ones follow them.
 pub fn shares(scene: &Scene, users: &[Vec<usize>], warnings: &mut Warnings) -> Vec<Share> {
     let share = |users: &Vec<usize>| {
-        let role = |s: &usize| &scene.surfaces[*s].role;
-        let any_shown = users.iter().any(|s| role(s).is_shown());
-        let asking: Vec<usize> = users.iter().copied().filter(|s| role(s).is_shown() || !any_shown).collect();
-        let first = asking.first().map(|s| Share::of(role(s)))?;
-        let mut finest = first;
-        for s in &asking[1..] {
-            let share = Share::of(role(s));
-            if share == first {
-                continue;
-            }
-            let message = "shares its mesh with surfaces of another density, and so its UVs; the finest holds for all";
-            warnings.add(&scene.surfaces[*s].name, message);
-            // A density of its own goes before a factor: which is finer depends on the bake.
-            let key = |share: &Share| (share.own.is_some(), share.own.unwrap_or(1.0) * share.scale);
-            if key(&share) > key(&finest) {
-                finest = share;
+        let role = |s: usize| &scene.surfaces[s].role;
+        let any_shown = users.iter().any(|s| role(*s).is_shown());
+        let asking = || users.iter().copied().filter(|s| role(*s).is_shown() || !any_shown);
+        let mut votes: Vec<(Share, usize)> = Vec::new();
+        for share in asking().map(|s| Share::of(role(s))) {
+            match votes.iter_mut().find(|(known, _)| *known == share) {
+                Some((_, count)) => *count += 1,
+                None => votes.push((share, 1)),
             }
         }
-        Some(finest)
+        let most = votes.iter().map(|(_, count)| *count).max()?;
+        let (held, _) = votes.into_iter().find(|(_, count)| *count == most)?;
+        for s in asking().filter(|s| Share::of(role(*s)) != held) {
+            let message = "shares its UVs with surfaces of another density; what most of them ask for holds for all";
+            warnings.add(&scene.surfaces[s].name, message);
+        }
+        Some(held)
     };
     users.iter().map(share).map(Option::unwrap_or_default).collect()
 }
