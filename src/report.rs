@@ -25,7 +25,7 @@ pub struct Report {
     pub pages: Vec<PageReport>,
     /// Texels per metre.
     pub density: f32,
-    /// Covered texels.
+    /// Covered texels, those of hidden pages included.
     pub texels: usize,
     /// Texels that lie inside other geometry.
     pub buried_texels: usize,
