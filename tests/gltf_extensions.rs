@@ -410,15 +410,6 @@ fn area_lights_are_rectangles_and_disks() {
 }
 
 #[test]
-fn lights_with_profiles_are_named() {
-    let folder = Folder::new("ies");
-    let node = json!({ "name": "spot", "extensions": { "EXT_lights_ies": { "light": 0, "multiplier": 2 } } });
-    let loaded =
-        load(&folder, &lit(node, json!({ "EXT_lights_ies": { "lights": [{ "uri": "lamp.ies" }] } }), json!({})));
-    assert!(warned(&loaded, "EXT_lights_ies: lamp.ies") && loaded.scene.lights.is_empty());
-}
-
-#[test]
 fn a_cube_map_is_the_sky() {
     let folder = Folder::new("sky");
     let face = |texel: [u8; 4]| {

@@ -348,9 +348,14 @@ impl<'a> Field<'a> {
         (0..self.blocks.fronts()).into_par_iter().map(respond).collect()
     }
 
-    /// The light on backs that something sees.
-    pub fn backs(&self) -> Backs {
-        let (radiosity, fronts) = (self.system().radiosity(&self.irradiance), self.blocks.fronts());
+    /// Forgets what was seen, and what patches send.
+    pub fn forget_links(&mut self) {
+        (self.sampled, self.sent, self.bright) = (Vec::new(), Vec::new(), None);
+    }
+
+    /// The light on backs that something sees, while patches send `radiosity`.
+    pub fn backs(&self, radiosity: &Radiosity) -> Backs {
+        let fronts = self.blocks.fronts();
         let mut backs = Backs { of_patch: vec![NONE; self.blocks.back_of.len()], ..Backs::default() };
         for b in (fronts..self.blocks.list.len()).filter(|&b| !self.sampled[b].is_empty()) {
             let (block, found) = (&self.blocks.list[b], &self.sampled[b]);
@@ -363,7 +368,7 @@ impl<'a> Field<'a> {
             backs.area.push(block.area);
             backs.albedo.push(albedo / block.area.max(f32::MIN_POSITIVE));
             let [direct, other] = self.on_backs.of_block[b - fronts].unwrap_or_default();
-            let reflected = found.halves.iter().map(|half| System::collect(half, &radiosity)).sum::<Rgb>();
+            let reflected = found.halves.iter().map(|half| System::collect(half, radiosity)).sum::<Rgb>();
             backs.irradiance.push(self.base[b] + 0.5 * reflected + direct);
             backs.landed_share.push(0.5 * found.halves.iter().flat_map(|h| &h.weights).sum::<f32>());
             backs.inflow += (other + self.base[b]).as_dvec3() * f64::from(block.area);

@@ -123,18 +123,18 @@ pub fn exchange(
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
     let mut run = Run::new(Field::new(lit, direct, params), direct, &normal, progress)?;
     let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
-    let mut judged = run.reach(aim)?;
+    let mut left = run.reach(aim)?;
     while aim > params.error && !run.is_late() {
         aim = (aim * LADDER[1]).max(params.error);
-        judged = run.reach(aim)?;
+        left = run.reach(aim)?;
     }
     let Run { mut field, .. } = run;
     field.solve(params.residual, progress)?;
     // What was judged had not come to rest: light would be missing.
     let radiosity = field.system().radiosity(&field.irradiance);
-    let smoothed = smooth(&field.blocks, &field.around, field.responses(&radiosity, &normal));
-    let left = judged.left;
-    let gathered = show_all(&field, direct, smoothed, &normal);
+    let backs = field.backs(&radiosity);
+    let responses = field.responses(&radiosity, &normal);
+    drop(radiosity);
     let exchanged = Exchanged {
         blocks: field.blocks.list.len(),
         links: field.sampled.iter().flat_map(|s| &s.halves).map(|h| h.links.len() as u64).sum(),
@@ -143,7 +143,11 @@ pub fn exchange(
         noise: left.noise,
         bias: left.bias,
     };
-    Ok((Gathered { noise: left.noise, ..gathered }, field.backs(), exchanged))
+    // Nothing looks along links any more; they are most of what there is.
+    field.forget_links();
+    let smoothed = smooth(&field.blocks, &field.around, responses);
+    let gathered = show_all(&field, direct, smoothed, &normal);
+    Ok((Gathered { noise: left.noise, ..gathered }, backs, exchanged))
 }
 
 /// The exchange under way.
@@ -179,7 +183,7 @@ impl<'a> Run<'a> {
     }
 
     /// Splits and samples until the error is estimated to be `aim`, or neither brings anything, or time is up.
-    fn reach(&mut self, aim: f64) -> Result<Judged> {
+    fn reach(&mut self, aim: f64) -> Result<Left> {
         // Single texels are three quarterings away.
         for _ in 0..3 {
             let near = too_near(&self.field, &self.distance, REACH * aim.sqrt() as f32);
@@ -190,7 +194,7 @@ impl<'a> Run<'a> {
         loop {
             let judged = self.look(&plan)?;
             if round == ROUNDS || judged.left.error() < CAUTION * aim || self.is_late() {
-                return Ok(judged);
+                return Ok(judged.left);
             }
             let coarse = too_coarse(&self.field, &judged.stakes, &judged.smoothed, DETAIL_PART * aim as f32);
             let is_split = round <= SPLITS && self.split(&coarse);
@@ -199,7 +203,7 @@ impl<'a> Run<'a> {
             plan = self.plan(aim, round == 1 || is_split && round < SPLITS);
             let wanted: u64 = plan.iter().map(|&samples| 2 * u64::from(samples)).sum();
             if !is_split && (wanted as f64) < WORTHWHILE * self.field.rays as f64 {
-                return Ok(judged);
+                return Ok(judged.left);
             }
             round += 1;
         }

@@ -66,7 +66,7 @@ const MOST_SAMPLES: u32 = 1024;
 /// The same from one of the several receivers of a surface that no texel shows.
 const MOST_ARRIVING: u32 = 64;
 /// What neighbours take out of it, noise may be more at first.
-const GRAIN: f32 = 3.0;
+const GRAIN: f32 = 2.0;
 /// Patches that keep more than this share of their difference to those around are looked at until they have no noise to speak of.
 const SHARP: f32 = 0.5;
 /// How often shadow edges are followed to patches around; each time by one patch.

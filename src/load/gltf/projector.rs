@@ -1,6 +1,8 @@
 //! Projectors, in the extras of nodes that hold a light:
 //!
-//!     "extras": { "lumel_projector": { "picture": "slide.png", "fov": 40, "aspect": 1.5, "target": "Backdrop" } }
+//! ```json
+//! "extras": { "lumel_projector": { "picture": "slide.png", "fov": 40, "aspect": 1.5, "target": "Backdrop" } }
+//! ```
 //!
 //! `picture` is a URI as images have them. `fov` is the full horizontal angle [degrees] (default: that of a spot's cone), `aspect`
 //! width over height (default: the picture's). `target` names a node (the last part of its path, or the whole) that the picture

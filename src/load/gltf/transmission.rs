@@ -3,8 +3,10 @@
 //! With the base colour C, metalness m, transmission t (R of its texture), diffuse transmission d (A) of colour D, and the
 //! attenuation a of the volume's thickness:
 //!
-//!     albedo       = C (m + (1 - m) (1 - t) (1 - d))
-//!     transmission = a (1 - m) (C t + D (1 - t) d)
+//! ```text
+//! albedo       = C (m + (1 - m) (1 - t) (1 - d))
+//! transmission = a (1 - m) (C t + D (1 - t) d)
+//! ```
 //!
 //! Metals count as diffuse here (see `material`), and let nothing through. Fresnel reflection, roughness and refraction are
 //! left out: what would be reflected at the surface passes. Where textures of t, d or D lie on the mesh as the base colour's
