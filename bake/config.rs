@@ -261,10 +261,12 @@ mod tests {
                     --watch-every 3 --time 1.5 --variant /a:b=c --subdivide 1 --purpose proxy";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
-            typed("--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 \
-                   --error 2% --time-budget 5 --animation walk")
-                .keys()
-                .cloned(),
+            typed(
+                "--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 \
+                   --error 2% --time-budget 5 --animation walk",
+            )
+            .keys()
+            .cloned(),
         );
         keys.sort();
         // Not through TOML: it has no null for a value that is absent.

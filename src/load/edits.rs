@@ -1,5 +1,6 @@
 //! What settings change of a scene after it was read: roles of objects, looks of materials, strengths of lamps, each by a
-//! pattern ([`super::pattern`]). Of several that match, later ones go before earlier ones, and all of them before the file; factors multiply.
+//! pattern ([`super::pattern`]). Of several that match, later ones go before earlier ones, and all of
+//! them before the file; factors multiply.
 //!
 //! The writers still work on the source: a glTF source keeps its materials and lights as they were.
 
@@ -41,7 +42,8 @@ pub struct ObjectEdit {
 pub struct MaterialEdit {
     /// Pattern over the names of materials.
     pub name: String,
-    /// Diffuse albedo in place of the material's own and its texture, linear Rec.709 [0..1]; vertex colours still multiply it.
+    /// Diffuse albedo in place of the material's own and its texture, linear Rec.709 [0..1]; vertex colours still multiply
+    /// it.
     pub albedo: Option<[f32; 3]>,
     /// Factor on the albedo [0..100].
     pub albedo_scale: Option<f32>,

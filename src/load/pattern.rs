@@ -1,8 +1,8 @@
 //! Patterns over paths, by which settings name objects, materials and lamps.
 //!
-//! A path is names joined by `/`. In a pattern `*` stands for anything within a name, `?` for one character, and the name `**`
-//! for any number of names. A pattern with a leading `/` begins at the root, others anywhere. What lies below a match is matched too, as it inherits what is said of its parent. The number of an instance,
-//! as in `Tree[3]`, may be left out.
+//! A path is names joined by `/`. In a pattern `*` stands for anything within a name, `?` for one character, and the name
+//! `**` for any number of names. A pattern with a leading `/` begins at the root, others anywhere. What lies below a match is
+//! matched too, as it inherits what is said of its parent. The number of an instance, as in `Tree[3]`, may be left out.
 
 use std::collections::BTreeSet;
 

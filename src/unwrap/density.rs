@@ -33,7 +33,8 @@ impl Share {
     }
 
     /// The density of the bake at which surfaces, by area [m²] and share, have about `count` texels. Those with a density of
-    /// their own take theirs first, but nine tenths at most; where all have their own, it is the mean. Not finite without area.
+    /// their own take theirs first, but nine tenths at most; where all have their own, it is the mean. Not finite without
+    /// area.
     pub fn density_of(surfaces: impl Iterator<Item = (f64, Self)>, count: f64) -> f64 {
         let (mut even, mut own, mut own_area) = (0.0, 0.0, 0.0);
         for (area, share) in surfaces {
