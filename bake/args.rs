@@ -33,7 +33,7 @@ pub enum Command {
     Bake(Box<BakeArgs>),
     /// Make lightmap UVs only
     Unwrap(Box<UnwrapArgs>),
-    /// Show what a bake would see: surfaces, areas [m^2], lights with units, texels, warnings
+    /// Show what a bake would see: surfaces with roles, areas [m^2] and densities, lights with units, texels, warnings
     Inspect(InspectArgs),
     /// Write the matrix of form factors (view factors) of a small scene as NPZ, and print those between its surfaces
     ///
@@ -118,6 +118,8 @@ pub struct InspectArgs {
     pub json: bool,
     #[command(flatten)]
     pub texels: TexelArgs,
+    #[command(flatten)]
+    pub light: LightArgs,
 }
 
 /// `lumel form-factors`.

@@ -94,7 +94,7 @@ impl Typed for InspectArgs {
         &self.scene
     }
     fn table(&self) -> Result<Table> {
-        Ok([table(&self.scene)?, table(&self.texels)?].into_iter().flatten().collect())
+        Ok([table(&self.scene)?, table(&self.texels)?, table(&self.light)?].into_iter().flatten().collect())
     }
 }
 

@@ -6,7 +6,7 @@ use super::console::Console;
 use super::failure::Failure;
 use super::print::{self, Table, count, number};
 use lumel::color::{Rgb, luminance};
-use lumel::inspect::{Inspection, LightInfo, inspect as look};
+use lumel::inspect::{Inspection, LightInfo, SurfaceInfo, inspect as look};
 
 /// `lumel inspect`.
 ///
@@ -30,8 +30,19 @@ fn text(i: &Inspection) -> String {
 }
 
 fn surfaces(i: &Inspection) -> String {
-    let mut table =
-        Table::new(&["surface", "mesh", ">triangles", ">area [m^2]", ">albedo", "materials", ">emits [lm]"]);
+    let heading = [
+        "surface",
+        "mesh",
+        ">triangles",
+        ">area [m^2]",
+        ">texels/m",
+        "role",
+        ">albedo",
+        "opacity",
+        "materials",
+        ">emits [lm]",
+    ];
+    let mut table = Table::new(&heading);
     for s in &i.surfaces {
         let [low, high] = s.albedo.map(|c| f64::from(luminance(Rgb::from_array(c))));
         let albedo = if (high - low).abs() < 5e-4 { format!("{low:.3}") } else { format!("{low:.3} - {high:.3}") };
@@ -41,7 +52,10 @@ fn surfaces(i: &Inspection) -> String {
             s.mesh.clone(),
             count(s.triangles as u64),
             number(s.area),
+            number(s.density),
+            s.role.into(),
             albedo,
+            opacity(s),
             s.materials.join(", "),
             power,
         ]);
@@ -53,6 +67,23 @@ fn surfaces(i: &Inspection) -> String {
         text += &format!("\nshared meshes: {}\n{}", i.shared_meshes.len(), shared.text());
     }
     text
+}
+
+/// How much a surface lets through, where it isn't opaque.
+fn opacity(s: &SurfaceInfo) -> String {
+    let mut parts = Vec::new();
+    let [low, high] = s.opacity.map(|o| number(f64::from(o)));
+    if s.opacity != [1.0; 2] {
+        parts.push(if low == high { low } else { format!("{low} - {high}") });
+    }
+    if s.masked {
+        parts.push("masked".into());
+    }
+    let passes = luminance(Rgb::from_array(s.transmission));
+    if passes > 0.0 {
+        parts.push(format!("passes {}", number(f64::from(passes))));
+    }
+    parts.join(", ")
 }
 
 fn lights(i: &Inspection) -> String {
@@ -112,7 +143,11 @@ fn totals(i: &Inspection) -> String {
     row("area", format!("{} m^2", number(i.area)));
     row("density", format!("about {} texels per metre", number(e.density)));
     row("texels", format!("about {}", count(e.texels)));
-    row("pages", format!("about {} of up to {} x {}", e.pages, e.page_size, e.page_size));
+    row(
+        "pages",
+        format!("about {} of up to {} x {}, {} at most", e.pages, e.page_size, e.page_size, i.limits.max_pages),
+    );
+    row("highest albedo", format!("{}, whiter ones are baked as this", i.limits.most_albedo));
     table.text()
 }
 

@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::load::Loaded;
 use crate::load::image::{self, ColorSpace};
+use crate::load::pattern::glob;
 use crate::load::projector::{ProjectorRequest, Target};
 use crate::scene::clear_sky::{ClearSky, towards};
 use crate::scene::{Environment, Light, LightShape};
@@ -58,8 +59,7 @@ fn picture_sky(loaded: &mut Loaded, name: &str) {
 /// Lets the lights that `setting` names throw its picture.
 fn project(loaded: &mut Loaded, setting: &ProjectorSetting) -> Result<()> {
     let scene = &mut loaded.scene;
-    let lights: Vec<usize> =
-        (0..scene.lights.len()).filter(|&l| matches(&setting.light, &scene.lights[l].name)).collect();
+    let lights: Vec<usize> = (0..scene.lights.len()).filter(|&l| glob(&setting.light, &scene.lights[l].name)).collect();
     if lights.is_empty() {
         loaded.warnings.add(&setting.light, "a projector names no light of the scene; nothing is thrown");
         return Ok(());
@@ -68,7 +68,7 @@ fn project(loaded: &mut Loaded, setting: &ProjectorSetting) -> Result<()> {
     loaded.inputs.push(setting.picture.clone());
     let texture = scene.textures.len() - 1;
     let target = setting.target.as_ref().map_or(Target::None, |name| {
-        let surfaces = (0..scene.surfaces.len()).filter(|&s| matches(name, &scene.surfaces[s].name)).collect();
+        let surfaces = (0..scene.surfaces.len()).filter(|&s| glob(name, &scene.surfaces[s].name)).collect();
         Target::Surfaces { name: name.clone(), surfaces }
     });
     let fov = setting.fov.map(f32::to_radians);
@@ -77,42 +77,4 @@ fn project(loaded: &mut Loaded, setting: &ProjectorSetting) -> Result<()> {
         request.apply(scene, &mut loaded.warnings);
     }
     Ok(())
-}
-
-/// True where `name` is as `pattern` says: `*` stands for anything, `?` for one character.
-fn matches(pattern: &str, name: &str) -> bool {
-    let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
-    // The last star, and the place in the name up to which it reaches so far.
-    let (mut p, mut n, mut star) = (0, 0, None);
-    while n < name.len() {
-        if pattern.get(p) == Some(&'*') {
-            star = Some((p, n));
-            p += 1;
-        } else if pattern.get(p).is_some_and(|c| *c == '?' || *c == name[n]) {
-            (p, n) = (p + 1, n + 1);
-        } else if let Some((at, reached)) = star {
-            star = Some((at, reached + 1));
-            (p, n) = (at + 1, reached + 1);
-        } else {
-            return false;
-        }
-    }
-    pattern[p..].iter().all(|c| *c == '*')
-}
-
-#[cfg(test)]
-mod tests {
-    use super::matches;
-
-    #[test]
-    fn patterns() {
-        for (pattern, name) in
-            [("*", ""), ("a*c", "abbc"), ("a?c", "abc"), ("*/Spot*", "/Lights/Spot_1"), ("**b", "aab")]
-        {
-            assert!(matches(pattern, name), "{pattern} {name}");
-        }
-        for (pattern, name) in [("", "a"), ("a?", "a"), ("*b", "ba"), ("a*b*c", "acb"), ("Spot", "/Spot")] {
-            assert!(!matches(pattern, name), "{pattern} {name}");
-        }
-    }
 }

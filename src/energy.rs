@@ -2,7 +2,8 @@
 //!
 //! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
 //! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
-//! by no texel; their part comes from [`Backs`], as far as the rest of the scene sees them. Parts of texels that lie inside other geometry don't count.
+//! by no texel; their part comes from [`Backs`], as far as the rest of the scene sees them. Parts of texels that lie inside other geometry don't count,
+//! nor do surfaces that receive without casting: the light on them goes on to what lies behind.
 //!
 //! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
 //! balance says less than with geometric normals.
@@ -92,7 +93,7 @@ impl Power {
 fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> Power {
     let patches = bake.lit.ground.patches;
     let mut power = Power::default();
-    for i in range {
+    for i in range.filter(|&i| bake.lit.ground.casts(i)) {
         let (area, whole) = (f64::from(bake.lit.exposure.area[i]), f64::from(patches.area[i]));
         let rho = bake.lit.reflectance.0[i].as_dvec3();
         let emittance = PI * bake.lit.emission.0[i].as_dvec3();

@@ -20,7 +20,7 @@ fn stem(scene: &Path) -> String {
 
 /// Page files relative to the output folder, in page order; none for an unwrap without light.
 pub fn page_uris(scene: &Path, atlas: &Atlas, is_lit: bool) -> Vec<String> {
-    let count = if is_lit { atlas.pages.len() } else { 0 };
+    let count = if is_lit { atlas.shown_pages } else { 0 };
     (0..count).map(|page| format!("lightmaps/{}_{page}.exr", stem(scene))).collect()
 }
 

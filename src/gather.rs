@@ -180,7 +180,9 @@ pub fn gather(
     let (mut squares, mut sum) = (0.0f64, 0.0f64);
     for (i, c) in collected.iter().enumerate() {
         let area = f64::from(lit.exposure.area[i]);
-        sky_inflow += c.sky.as_dvec3() * area;
+        if lit.ground.casts(i) {
+            sky_inflow += c.sky.as_dvec3() * area;
+        }
         let error = 0.5 * f64::from(crate::color::luminance(c.halves[0] - c.halves[1]));
         squares += error * error * area;
         sum += f64::from(crate::color::luminance(direct.shown[i] + c.mean())) * area;
@@ -223,7 +225,8 @@ pub fn read_elements(
     let indirect = read(&solution.irradiance);
     let of_sky = |e: usize| if has_sky { probes.of(e).sky } else { Rgb::ZERO };
     let sky: Vec<Rgb> = (0..n).map(|i| element(i).map_or(Rgb::ZERO, of_sky)).collect();
-    let flux = |i: usize| sky[i].as_dvec3() * f64::from(lit.exposure.area[i]);
+    let share = |i: usize| if lit.ground.casts(i) { f64::from(lit.exposure.area[i]) } else { 0.0 };
+    let flux = |i: usize| sky[i].as_dvec3() * share(i);
     Ok(Gathered {
         irradiance: indirect.iter().zip(direct.shown.iter()).map(|(i, d)| *i + *d).collect(),
         standard_error: vec![Rgb::ZERO; n],

@@ -8,7 +8,9 @@ use crate::energy::{self, EnergyBalance, balance};
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
 use crate::light::{Direct, Lights, Lit, direct};
 use crate::patch::unocclude::{Exposure, unocclude};
-use crate::patch::{Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance};
+use crate::patch::{
+    Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
+};
 use crate::post::{Lightmap, dilate::finish, layers::layers};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
@@ -75,8 +77,17 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     };
 
     progress.begin("post", 0);
-    let mut lightmap = finish(&lit, &gathered.irradiance, settings.quantity);
-    lightmap.layers = layers(&lit, &direct, &gathered, &settings.layers, settings.quantity);
+    // What doesn't cast is black as a source, but has its own look on the pages.
+    let looks = match scene.surfaces.iter().all(|s| s.role.casts) {
+        true => None,
+        false => Some(shown_reflectance(&ground, progress)?),
+    };
+    let shown = match &looks {
+        Some((reflectance, emission)) => Lit { reflectance, emission, ..lit },
+        None => lit,
+    };
+    let mut lightmap = finish(&shown, &gathered.irradiance, settings.quantity);
+    lightmap.layers = layers(&shown, &direct, &gathered, &settings.layers, settings.quantity);
     let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered };
     let energy = balance(&bake, &lightmap, !settings.float);
     Ok(Illuminated {

@@ -3,15 +3,22 @@
 //! Areas are sums over world-space triangles in f64. Power is `pi L A` of Lambertian emitters and the integral of the
 //! intensity of point lights; it is what leaves the light, before anything blocks it. Cost: one pass over the triangles and
 //! over the texels of the textures in use.
+//!
+//! As JSON (`lumel inspect --json`) an [`Inspection`] is one object whose keys are the fields below, in order; a quantity's unit
+//! stands in its field's comment, what is absent is null, colours are three numbers R G B (linear Rec.709).
 
+mod doubt;
 mod light;
+
+pub use doubt::doubts;
 
 use crate::color::{Rgb, luminance};
 use crate::error::Warnings;
 use crate::load::Loaded;
-use crate::scene::{Environment, Material, Mesh, Scene, TextureSlot};
+use crate::patch::reflectance::MOST_ALBEDO;
+use crate::scene::{Alpha, Environment, Material, Mesh, Scene, Surface, TextureSlot};
 use crate::settings::Settings;
-use crate::unwrap::Density;
+use crate::unwrap::{Density, Share};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -44,7 +51,19 @@ pub struct Inspection {
     /// Luminous power of all emissive surfaces [lm].
     pub emissive_power: f64,
     pub estimate: Estimate,
+    pub limits: Limits,
+    /// What was skipped or replaced, and what looks wrong.
     pub warnings: Warnings,
+}
+
+/// What a bake does not go beyond.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Limits {
+    /// Largest page [texels], square, and most pages that are written.
+    pub page_size: u32,
+    pub max_pages: u32,
+    /// The highest albedo that is baked; whiter ones are taken as this.
+    pub most_albedo: f32,
 }
 
 /// A surface.
@@ -59,6 +78,19 @@ pub struct SurfaceInfo {
     pub materials: Vec<String>,
     /// Lowest and highest albedo by channel, over its materials, their textures and the vertex colours.
     pub albedo: [[f32; 3]; 2],
+    /// Lowest and highest opacity of its materials, without their textures [0..1]; `masked` where some have holes by a cutoff.
+    pub opacity: [f32; 2],
+    pub masked: bool,
+    /// Highest transmission of its materials by channel, without their textures [0..1].
+    pub transmission: [f32; 3],
+    /// True where all of its materials reflect on both sides.
+    pub double_sided: bool,
+    /// `lit`, or what differs: `casts only`, `receives only`, `vertex colours`, ... ([`crate::scene::role`]).
+    pub role: &'static str,
+    /// About how fine it would be [texels per metre], and how many texels it would cover; on hidden pages where its role
+    /// shows none.
+    pub density: f64,
+    pub texels: u64,
     /// Area that emits, each side counted [m^2].
     pub emissive_area: f64,
     /// Luminous power [lm].
@@ -141,9 +173,17 @@ pub struct Estimate {
 pub fn inspect(loaded: &Loaded, settings: &Settings) -> Inspection {
     let scene = &loaded.scene;
     let ranges = texture_ranges(scene);
-    let surfaces: Vec<SurfaceInfo> =
+    let mut surfaces: Vec<SurfaceInfo> =
         (0..scene.surfaces.len()).into_par_iter().map(|i| surface_info(scene, i, &ranges)).collect();
     let area = surfaces.iter().map(|s| s.area).sum();
+    let areas: Vec<f64> = surfaces.iter().map(|s| s.area).collect();
+    let (estimate, densities) = estimate(scene, &areas, settings);
+    for (info, density) in surfaces.iter_mut().zip(densities) {
+        (info.density, info.texels) = (density, (info.area * density * density).round() as u64);
+    }
+    let mut warnings = loaded.warnings.clone();
+    warnings.extend(doubts(scene));
+    let params = settings.unwrap_params();
     let mut uses = vec![0; scene.meshes.len()];
     scene.surfaces.iter().for_each(|s| uses[s.mesh] += 1);
     let shared = scene.meshes.iter().zip(uses).filter(|(_, n)| *n > 1);
@@ -157,32 +197,50 @@ pub fn inspect(loaded: &Loaded, settings: &Settings) -> Inspection {
         area,
         emissive_area: surfaces.iter().map(|s| s.emissive_area).sum(),
         emissive_power: surfaces.iter().map(|s| s.emissive_power).sum(),
-        estimate: estimate(area, settings),
+        estimate,
+        limits: Limits {
+            page_size: settings.resolution.unwrap_or(params.page_size),
+            max_pages: if settings.resolution.is_some() { 1 } else { params.max_pages },
+            most_albedo: MOST_ALBEDO,
+        },
         surfaces,
-        warnings: loaded.warnings.clone(),
+        warnings,
     }
 }
 
-/// Texels and pages for `area` [m^2] of surface.
-fn estimate(area: f64, settings: &Settings) -> Estimate {
+/// Texels and pages for surfaces of `areas` [m^2], and the density of each.
+fn estimate(scene: &Scene, areas: &[f64], settings: &Settings) -> (Estimate, Vec<f64>) {
     let params = settings.unwrap_params();
-    // A scene without area has no density; 1 keeps the numbers finite.
-    let area = if area > 0.0 { area } else { 1.0 };
-    let (density, page_size) = match params.density {
-        Density::TexelsPerMetre(d) => (f64::from(d), params.page_size),
-        Density::TexelCount(n) => ((n as f64 / area).sqrt(), params.page_size),
-        Density::FillPage(n) => ((PACKING * f64::from(n).powi(2) / area).sqrt(), n),
+    let (count, page_size, most) = match params.density {
+        Density::FillPage(n) => (PACKING * f64::from(n).powi(2), n, 1),
+        Density::TexelCount(n) => (n as f64, params.page_size, u64::from(params.max_pages.max(1))),
+        Density::TexelsPerMetre(_) => (0.0, params.page_size, u64::from(params.max_pages.max(1))),
+    };
+    let asked = match params.density {
+        Density::TexelsPerMetre(density) => f64::from(density),
+        _ => density_for(scene, areas, count),
     };
     let per_page = PACKING * f64::from(page_size).powi(2);
-    let most = match params.density {
-        Density::FillPage(_) => 1,
-        _ => u64::from(params.max_pages.max(1)),
-    };
-    let texels = area * density * density;
+    let shown = || scene.surfaces.iter().zip(areas).filter(|(s, _)| s.role.is_shown());
+    let texels: f64 = shown().map(|(s, area)| area * share(s, asked).powi(2)).sum();
     let pages = ((texels / per_page).ceil() as u64).clamp(1, most);
     // More than fit on the pages: the density falls until they do.
     let fitting = (pages as f64 * per_page).min(texels);
-    Estimate { density: density * (fitting / texels).sqrt(), texels: fitting.round() as u64, pages, page_size }
+    let lowered = if texels > 0.0 { (fitting / texels).sqrt() } else { 1.0 };
+    let estimate = Estimate { density: asked * lowered, texels: fitting.round() as u64, pages, page_size };
+    (estimate, scene.surfaces.iter().map(|s| share(s, asked) * lowered).collect())
+}
+
+/// The density of a surface where the bake has `density`.
+fn share(surface: &Surface, density: f64) -> f64 {
+    Share::of(&surface.role).at(density, density)
+}
+
+/// The density at which shown surfaces of `areas` have `count` texels; 1 keeps the numbers finite where there is no area.
+fn density_for(scene: &Scene, areas: &[f64], count: f64) -> f64 {
+    let shown = scene.surfaces.iter().zip(areas).filter(|(s, _)| s.role.is_shown());
+    let density = Share::density_of(shown.map(|(s, area)| (*area, Share::of(&s.role))), count);
+    if density.is_finite() { density } else { 1.0 }
 }
 
 fn surface_info(scene: &Scene, index: usize, ranges: &[Option<[Vec4; 2]>]) -> SurfaceInfo {
@@ -211,14 +269,26 @@ fn surface_info(scene: &Scene, index: usize, ranges: &[Option<[Vec4; 2]>]) -> Su
         let [low, high] = albedo_range(&scene.materials[m as usize], mesh, ranges);
         albedo = [albedo[0].min(low), albedo[1].max(high)];
     }
-    let materials = materials.iter().map(|&m| scene.materials[m as usize].name.clone()).collect();
+    let used: Vec<&Material> = materials.iter().map(|&m| &scene.materials[m as usize]).collect();
+    let opacities = used.iter().map(|m| match m.alpha {
+        Alpha::Opaque => 1.0,
+        Alpha::Mask { opacity, .. } | Alpha::Blend { opacity } => opacity,
+    });
+    let opacity = opacities.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], o| [low.min(o), high.max(o)]);
     SurfaceInfo {
         name: surface.name.clone(),
         mesh: mesh.name.clone(),
         triangles: mesh.triangles.len(),
         area,
-        materials,
         albedo: albedo.map(|c| c.to_array()),
+        opacity,
+        masked: used.iter().any(|m| matches!(m.alpha, Alpha::Mask { .. })),
+        transmission: used.iter().fold(Rgb::ZERO, |most, m| most.max(m.transmission)).to_array(),
+        double_sided: used.iter().all(|m| m.double_sided),
+        role: surface.role.name(),
+        density: 0.0,
+        texels: 0,
+        materials: used.iter().map(|m| m.name.clone()).collect(),
         emissive_area,
         emissive_power,
     }
@@ -301,6 +371,19 @@ fn environment_info(scene: &Scene, sky: &Environment) -> EnvironmentInfo {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Role, SurfaceOrigin};
+
+    fn estimated(areas: &[f64], roles: &[Role], settings: &Settings) -> (Estimate, Vec<f64>) {
+        let surface = |role: &Role| Surface {
+            name: String::new(),
+            mesh: 0,
+            world_from_local: glam::Affine3A::IDENTITY,
+            origin: SurfaceOrigin::None,
+            role: *role,
+        };
+        let scene = Scene { surfaces: roles.iter().map(surface).collect(), ..Scene::default() };
+        estimate(&scene, areas, settings)
+    }
 
     #[test]
     fn texels_follow_the_density_until_the_pages_are_full() {
@@ -310,12 +393,25 @@ mod tests {
             max_pages: Some(2),
             ..Settings::default()
         };
-        let e = estimate(2.0, &dense(10.0));
+        let lit = [Role::default()];
+        let (e, _) = estimated(&[2.0], &lit, &dense(10.0));
         assert_eq!((e.texels, e.pages, e.density), (200, 1, 10.0));
-        let e = estimate(2.0, &dense(1000.0));
+        let (e, _) = estimated(&[2.0], &lit, &dense(1000.0));
         assert_eq!(e.pages, 2);
         assert!((e.density.powi(2) * 2.0 - e.texels as f64).abs() < 1.0 && e.texels <= 2 * 64 * 64);
-        let e = estimate(3.0, &Settings { resolution: Some(256), ..Settings::default() });
+        let (e, _) = estimated(&[3.0], &lit, &Settings { resolution: Some(256), ..Settings::default() });
         assert_eq!((e.pages, e.page_size), (1, 256));
+    }
+
+    #[test]
+    fn each_surface_has_its_share() {
+        let role = Role::default();
+        let fine = Role { density_scale: 2.0, ..role };
+        let own = Role { density: Some(5.0), ..role };
+        let unseen = Role { receives: false, ..role };
+        let settings = Settings { density: Some(10.0), ..Settings::default() };
+        let (e, densities) = estimated(&[1.0; 4], &[role, fine, own, unseen], &settings);
+        assert_eq!(densities, [10.0, 20.0, 5.0, 2.5]);
+        assert_eq!(e.texels, 100 + 400 + 25);
     }
 }

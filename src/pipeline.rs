@@ -4,12 +4,13 @@ use crate::added_light;
 use crate::error::{Error, Result, Warnings};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
+use crate::inspect::doubts;
 use crate::load::{self, Loaded};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
-use crate::settings::{Method, RESIDUAL, Settings};
+use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::unwrap::{self, Atlas};
 use crate::view_factors::{Figures, view_factors};
 use crate::write::{self, Baked, output::Staging, view_factors::refuse_other, watch};
@@ -59,6 +60,12 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     }
     for material in too_white(&loaded.scene) {
         report.warnings.add(&material.name, format!("an albedo above {MOST_ALBEDO} was baked as {MOST_ALBEDO}"));
+    }
+    report.warnings.extend(doubts(&loaded.scene));
+    if settings.gather() == Gather::None && loaded.scene.surfaces.iter().any(|s| !s.role.casts) {
+        report
+            .warnings
+            .add("gather none", "objects that don't cast have no elements to read; they show direct light alone");
     }
     warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
@@ -134,7 +141,8 @@ pub fn form_factors(scene: &Path, output: &Path, settings: &Settings, progress: 
         return Err(Error::invalid(folder.display(), "is no folder; make it first, or give another file with -o"));
     }
     progress.begin("load", 0);
-    let loaded = load::load_with(scene, &settings.load_options())?;
+    let mut loaded = load::load_with(scene, &settings.load_options())?;
+    keep_casters(&mut loaded)?;
     loaded.inputs.iter().try_for_each(|input| refuse_input(output, input))?;
     // A folder that can't be written is found out now, not after hours of work.
     Staging::new(folder)?;
@@ -150,6 +158,22 @@ pub fn form_factors(scene: &Path, output: &Path, settings: &Settings, progress: 
     warnings.extend(of_atlas);
     warnings.extend(std::mem::take(&mut figures.warnings));
     Ok(Figures { warnings, ..figures })
+}
+
+/// Leaves surfaces that don't cast out of what form factors are of: nothing lands on them.
+fn keep_casters(loaded: &mut Loaded) -> Result<()> {
+    let keep: Vec<bool> = loaded.scene.surfaces.iter().map(|s| s.role.casts).collect();
+    if !keep.contains(&true) {
+        let message = "no surface casts, and form factors are between those that do; leave out casts = false";
+        return Err(Error::invalid(loaded.path().display(), message));
+    }
+    for surface in loaded.scene.surfaces.iter().filter(|s| !s.role.casts) {
+        loaded.warnings.add(&surface.name, "a surface that doesn't cast has no form factors and was left out");
+    }
+    loaded.scene.retain_surfaces(&keep);
+    // Without light there is nothing to show, only elements: all surfaces have them alike.
+    loaded.scene.surfaces.iter_mut().for_each(|s| (s.role.receives, s.role.lightmapped) = (true, true));
+    Ok(())
 }
 
 /// Refuses an output that is one of the inputs, whatever its name.

@@ -25,7 +25,7 @@ pub struct Report {
     pub pages: Vec<PageReport>,
     /// Texels per metre.
     pub density: f32,
-    /// Covered texels.
+    /// Covered texels, those of hidden pages included.
     pub texels: usize,
     /// Texels that lie inside other geometry.
     pub buried_texels: usize,
@@ -74,9 +74,17 @@ pub struct Input {
 pub struct SurfaceReport {
     pub name: String,
     pub triangles: usize,
-    pub page: u32,
-    pub scale: [f32; 2],
-    pub offset: [f32; 2],
+    /// What it does: `lit`, `casts only`, `receives only`, `vertex colours`, ... ([`crate::scene::Role::name`]).
+    pub role: &'static str,
+    /// Its own texels per metre.
+    pub density: f32,
+    /// Absent, with its rectangle, where no written page shows it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub page: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale: Option<[f32; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset: Option<[f32; 2]>,
 }
 
 /// A page and its file.
@@ -155,16 +163,20 @@ impl Report {
         let (scene, atlas) = (baked.scene, baked.atlas);
         self.density = atlas.density;
         self.triangles = scene.triangle_count();
-        self.surfaces = (scene.surfaces.iter().zip(&atlas.placements))
-            .map(|(s, p)| SurfaceReport {
+        let describe = |i: usize| {
+            let (s, placement) = (&scene.surfaces[i], atlas.is_shown(i).then(|| &atlas.placements[i]));
+            SurfaceReport {
                 name: s.name.clone(),
                 triangles: scene.meshes[s.mesh].triangles.len(),
-                page: p.page,
-                scale: p.scale.to_array(),
-                offset: p.offset.to_array(),
-            })
-            .collect();
-        self.pages = (atlas.pages.iter().enumerate())
+                role: s.role.name(),
+                density: atlas.surface_density(scene, i),
+                page: placement.map(|p| p.page),
+                scale: placement.map(|p| p.scale.to_array()),
+                offset: placement.map(|p| p.offset.to_array()),
+            }
+        };
+        self.surfaces = (0..scene.surfaces.len()).map(describe).collect();
+        self.pages = (atlas.pages.iter().take(atlas.shown_pages).enumerate())
             .map(|(page, &[width, height])| {
                 let coverage = baked.lightmap.map(|l| l.pages[page].coverage.iter().filter(|c| **c > 0.0).count());
                 PageReport {

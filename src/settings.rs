@@ -9,7 +9,7 @@ pub use outdoors::{ProjectorSetting, SkySetting};
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
-use crate::load::{LoadOptions, Purpose};
+use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
 use crate::post::{LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver};
@@ -95,6 +95,15 @@ pub struct Settings {
     /// Pictures that lights are to throw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub projectors: Vec<ProjectorSetting>,
+    /// What objects do in the bake, by pattern.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<ObjectEdit>,
+    /// What materials are taken to be, by pattern.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub materials: Vec<MaterialEdit>,
+    /// How the scene's lights shine, by pattern.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lamps: Vec<LampEdit>,
     /// Folder for numbered EXR files of the stages in between.
     pub dump_stages: Option<PathBuf>,
     /// Folder for pages of the solution as it grows.
@@ -280,7 +289,13 @@ impl Settings {
             variants: self.variant.clone(),
             subdivide: self.subdivide,
             purpose: self.purpose.clone(),
+            edits: self.edits(),
         }
+    }
+
+    /// What is changed of the scene.
+    pub(crate) fn edits(&self) -> Edits {
+        Edits { objects: self.objects.clone(), materials: self.materials.clone(), lamps: self.lamps.clone() }
     }
 
     /// The unwrap stage's parameters.

@@ -276,8 +276,13 @@ fn shell(centre: Vec3, radius: f32) -> Scene {
     }
     mesh.triangle_material = vec![0; mesh.triangles.len()];
     mesh.origin = vec![TriangleOrigin::default(); mesh.triangles.len()];
-    let surface =
-        Surface { name: "shell".into(), mesh: 0, world_from_local: Affine3A::IDENTITY, origin: SurfaceOrigin::None };
+    let surface = Surface {
+        name: "shell".into(),
+        mesh: 0,
+        world_from_local: Affine3A::IDENTITY,
+        origin: SurfaceOrigin::None,
+        role: Default::default(),
+    };
     Scene { meshes: vec![mesh], materials: vec![Material::default()], surfaces: vec![surface], ..Scene::default() }
 }
 

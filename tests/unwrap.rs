@@ -58,7 +58,7 @@ fn sphere(radius: f32, segments: u32, rings: u32) -> Mesh {
 }
 
 fn surface(name: &str, mesh: usize, world_from_local: Affine3A) -> Surface {
-    Surface { name: name.into(), mesh, world_from_local, origin: SurfaceOrigin::None }
+    Surface { name: name.into(), mesh, world_from_local, origin: SurfaceOrigin::None, role: Default::default() }
 }
 
 fn scene(meshes: Vec<Mesh>) -> Scene {

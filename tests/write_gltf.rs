@@ -99,6 +99,7 @@ fn scene(material: Material) -> Scene {
         mesh: 0,
         world_from_local: Affine3A::from_translation(Vec3::X * 3.0 * node as f32),
         origin: SurfaceOrigin::GltfNode(node),
+        role: Default::default(),
     };
     Scene {
         meshes: vec![mesh],
@@ -135,6 +136,7 @@ fn atlas(corners: Vec<[Vec2; 3]>, authored: Option<&str>) -> Atlas {
         placements: vec![placement(0.1), placement(0.6)],
         density: 10.0,
         padding: 2,
+        shown_pages: 1,
     }
 }
 

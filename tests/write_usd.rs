@@ -47,6 +47,7 @@ impl Bake {
                 placements: Vec::new(),
                 density: 1.0,
                 padding: 2,
+                shown_pages: 2,
             },
             corners: CornerColors { surfaces: Vec::new() },
             lights: BakedLights::Mark,
@@ -83,7 +84,13 @@ impl Bake {
     /// Adds a surface whose rectangle is a quarter of `page`, `offset` from its top left, all of one colour.
     fn surface(&mut self, name: &str, mesh: usize, origin: SurfaceOrigin, page: u32, offset: [f32; 2]) {
         let world_from_local = Affine3A::IDENTITY;
-        self.scene.surfaces.push(Surface { name: name.into(), mesh, world_from_local, origin });
+        self.scene.surfaces.push(Surface {
+            name: name.into(),
+            mesh,
+            world_from_local,
+            origin,
+            role: Default::default(),
+        });
         self.atlas.placements.push(Placement { page, scale: Vec2::new(0.5, 0.25), offset: Vec2::from(offset) });
         let color = Vec3::new(self.scene.surfaces.len() as f32, 0.5, 1e-6);
         self.corners.surfaces.push(vec![[color; 3]; self.scene.meshes[mesh].triangles.len()]);
@@ -626,6 +633,7 @@ fn layer_over(input: &Path, folder: &Path, options: &LoadOptions) {
         placements: (0..scene.surfaces.len()).map(place).collect(),
         density: 1.0,
         padding: 2,
+        shown_pages: 1,
     };
     let color = |o: &TriangleOrigin| o.corners.map(|c| Vec3::splat((c % 7) as f32));
     let colors = scene.surfaces.iter().map(|s| scene.meshes[s.mesh].origin.iter().map(color).collect());

@@ -235,5 +235,5 @@ impl Blocks {
 
 fn has_back(lit: &Lit, i: usize) -> bool {
     let (surface, triangle) = lit.ground.tracer.place(lit.ground.patches.first_triangle(i));
-    lit.ground.scene.material(surface, triangle).double_sided
+    lit.ground.casts(i) && lit.ground.scene.material(surface, triangle).double_sided
 }

@@ -108,8 +108,10 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
         add_sky(lit, &blocks, &mut arriving, progress)?;
     }
     let mut inflow = DVec3::ZERO;
-    for (a, area) in arriving.iter().zip(&lit.exposure.area) {
-        inflow += a.other.as_dvec3() * f64::from(*area);
+    for (i, (a, area)) in arriving.iter().zip(&lit.exposure.area).enumerate() {
+        if lit.ground.casts(i) {
+            inflow += a.other.as_dvec3() * f64::from(*area);
+        }
     }
     let rays = arriving.iter().map(|a| a.rays).sum();
     let transport: Arc<Vec<Rgb>> = Arc::new(arriving.iter().map(|a| a.transport).collect());

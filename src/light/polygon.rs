@@ -53,7 +53,7 @@ const SPHERE_LEVELS: u32 = 3;
 /// All polygons of `scene` that shine. `shade` tells a light's number among those that only some surfaces block.
 pub fn polygons(scene: &Scene, shade: impl Fn(&Light) -> Option<u16>) -> Vec<Polygon> {
     let mut all = Vec::new();
-    for (s, placed) in scene.surfaces.iter().enumerate() {
+    for (s, placed) in scene.surfaces.iter().enumerate().filter(|(_, placed)| placed.role.casts) {
         let mesh = &scene.meshes[placed.mesh];
         for t in 0..mesh.triangles.len() {
             let material = scene.material(s, t);

@@ -1,9 +1,11 @@
 //! Files to a [`Scene`]: glTF and USD readers, images, units. Third-party formats end here.
 
+pub mod edits;
 pub mod gltf;
 pub mod ies;
 pub mod image;
 pub mod options;
+pub mod pattern;
 pub mod projector;
 pub mod sky_layout;
 pub mod units;
@@ -13,6 +15,7 @@ use crate::error::{Error, Result, Warnings};
 use crate::scene::{Scene, validate::validate};
 use std::path::{Path, PathBuf};
 
+pub use edits::{Edits, LampEdit, MaterialEdit, ObjectEdit};
 pub use options::{LoadOptions, Purpose};
 
 /// What a loader gives: the scene, what the writers need of its source, and what was met on the way.
@@ -80,6 +83,8 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Loaded> {
             return Err(Error::unsupported(path.display(), message));
         }
     };
-    validate(&mut loaded.scene, &path.display().to_string(), &mut loaded.warnings)?;
+    let place = path.display().to_string();
+    options.edits.apply(&mut loaded.scene, &place, &mut loaded.warnings)?;
+    validate(&mut loaded.scene, &place, &mut loaded.warnings)?;
     Ok(loaded)
 }

@@ -1,5 +1,7 @@
 //! What a loader is asked for beside the file.
 
+use super::edits::Edits;
+
 /// How a scene file is read. The default is the file as it stands.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
@@ -16,6 +18,8 @@ pub struct LoadOptions {
     pub subdivide: u32,
     /// USD's purposes that are drawn beside the default one; none: render.
     pub purpose: Vec<Purpose>,
+    /// What is changed of the scene once it is read.
+    pub edits: Edits,
 }
 
 /// What a part of a USD scene is for.

@@ -126,6 +126,11 @@ impl Patches {
 }
 
 impl Ground<'_> {
+    /// True where patch `i` takes part in the exchange of light; others receive, and rays pass through them.
+    pub fn casts(&self, i: usize) -> bool {
+        self.scene.surfaces[self.patches.surface(i) as usize].role.casts
+    }
+
     /// The patch under a hit. `None` only where a triangle's UVs are so thin that no texel was covered.
     pub fn patch_under(&self, hit: &Hit) -> Option<usize> {
         let (surface, triangle) = self.tracer.place(hit.triangle);

@@ -29,17 +29,34 @@ const MOST_SAMPLES_A_SIDE: u32 = 16;
 /// Patches whose materials are looked up before they are stored.
 const BATCH: usize = 1 << 16;
 
-/// Averages the materials over all footprints.
+/// Averages the materials over all footprints, as sources of light: surfaces that don't cast are black.
 ///
 /// # Errors
 /// `Cancelled`.
 pub fn reflectance(ground: &Ground, progress: &dyn Progress) -> Result<(Reflectance, Emission)> {
+    averages(ground, |i| ground.casts(i), progress)
+}
+
+/// Averages the materials over all footprints, as they look.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn shown_reflectance(ground: &Ground, progress: &dyn Progress) -> Result<(Reflectance, Emission)> {
+    averages(ground, |_| true, progress)
+}
+
+fn averages(
+    ground: &Ground,
+    counts: impl Fn(usize) -> bool + Sync,
+    progress: &dyn Progress,
+) -> Result<(Reflectance, Emission)> {
+    let of = |i: usize| if counts(i) { average(ground, i) } else { (Rgb::ZERO, Rgb::ZERO) };
     let count = ground.patches.len();
     let (mut albedo, mut emission) = (Builder::default(), Builder::default());
     for first in (0..count).step_by(BATCH) {
         progress.check()?;
         let batch = (first..count.min(first + BATCH)).into_par_iter();
-        let found: (Vec<Rgb>, Vec<Rgb>) = batch.with_min_len(1024).map(|i| average(ground, i)).unzip();
+        let found: (Vec<Rgb>, Vec<Rgb>) = batch.with_min_len(1024).map(of).unzip();
         albedo.extend(found.0);
         emission.extend(found.1);
     }

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 #[derive(Clone, Debug)]
 pub struct CornerColors {
     /// By surface, by triangle of its mesh: the lightmap's quantity at its three corners (order of `Mesh::triangles`).
+    /// Empty for surfaces that don't receive.
     pub surfaces: Vec<Vec<[Rgb; 3]>>,
 }
 
@@ -28,6 +29,9 @@ const SEARCH: i64 = 4;
 /// The lightmap's values at all triangle corners of all surfaces.
 pub fn corner_colors(scene: &Scene, atlas: &Atlas, lightmap: &Lightmap) -> CornerColors {
     let surface_colors = |surface: usize| {
+        if !scene.surfaces[surface].role.receives {
+            return Vec::new();
+        }
         let mesh_index = scene.surfaces[surface].mesh;
         let mesh = &scene.meshes[mesh_index];
         let page = &lightmap.pages[atlas.placements[surface].page as usize];
@@ -155,6 +159,7 @@ mod tests {
                 mesh: 0,
                 world_from_local: Affine3A::IDENTITY,
                 origin: SurfaceOrigin::None,
+                role: crate::scene::Role::default(),
             }],
             ..Scene::default()
         };
@@ -169,6 +174,7 @@ mod tests {
             placements: vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }],
             density: 8.0,
             padding: 2,
+            shown_pages: 1,
         };
         let column = |x: usize| if x < 8 { 1.0 } else { 3.0 };
         let page = PageImage {

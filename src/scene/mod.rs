@@ -10,6 +10,7 @@ pub mod link;
 pub mod material;
 pub mod mesh;
 pub mod projector;
+pub mod role;
 pub mod texture;
 pub mod validate;
 pub mod web;
@@ -20,6 +21,7 @@ pub use link::{Linked, Links};
 pub use material::{Alpha, Material, TextureSlot};
 pub use mesh::{Mesh, TriangleOrigin, UvSet};
 pub use projector::{Picture, Projector};
+pub use role::{Role, RoleOpinion};
 pub use texture::{Texels, Texture, Wrap};
 pub use web::{PhotometricWeb, Profile};
 
@@ -46,6 +48,8 @@ pub struct Surface {
     pub world_from_local: Affine3A,
     /// The object of the source file that this is; what it means is known to the loader and writer of that format.
     pub origin: SurfaceOrigin,
+    /// What it does in the bake.
+    pub role: Role,
 }
 
 /// Where a surface came from, for the writers.
@@ -95,11 +99,18 @@ impl Scene {
         self.surfaces.iter().map(|s| self.meshes[s.mesh].triangles.len()).sum()
     }
 
+    /// Keeps the surfaces for which `keep`, one a surface, is true; lights stay linked to the same ones.
+    pub fn retain_surfaces(&mut self, keep: &[bool]) {
+        let mut kept = keep.iter();
+        self.surfaces.retain(|_| *kept.next().expect("one flag a surface"));
+        self.lights.iter_mut().for_each(|light| light.links.retain(keep));
+    }
+
     /// True where something shines: a light, the sky, or an emissive material that a surface uses.
     pub fn has_light(&self) -> bool {
         self.environment.is_some()
             || !self.lights.is_empty()
-            || self.surfaces.iter().any(|s| {
+            || self.surfaces.iter().filter(|s| s.role.casts).any(|s| {
                 self.meshes[s.mesh].triangle_material.iter().any(|&m| self.materials[m as usize].is_emissive())
             })
     }

@@ -47,16 +47,15 @@ pub fn validate(scene: &mut Scene, place: &str, warnings: &mut Warnings) -> Resu
     }
     let meshes = &scene.meshes;
     let mut keep = Vec::with_capacity(scene.surfaces.len());
-    scene.surfaces.retain(|s| {
+    for s in &scene.surfaces {
         let transform = s.world_from_local;
         let placed = transform.is_finite() && transform.matrix3.determinant() != 0.0;
         if !placed {
             warnings.add(&s.name, "the transform is not invertible; the surface was left out");
         }
         keep.push(placed && !meshes[s.mesh].triangles.is_empty());
-        keep[keep.len() - 1]
-    });
-    scene.lights.iter_mut().for_each(|light| light.links.retain(&keep));
+    }
+    scene.retain_surfaces(&keep);
     if scene.surfaces.is_empty() {
         let mut message = "the scene holds no triangles to bake".to_owned();
         // What was left out is likely the reason.

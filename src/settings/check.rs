@@ -54,6 +54,7 @@ impl Settings {
         if self.sky.is_some() && self.environment.is_some() {
             return Err(Error::invalid("sky", "is given together with environment; leave one out"));
         }
+        self.edits().check()?;
         super::outdoors::check(self.sky, self.sun, &self.projectors)
     }
 

@@ -21,6 +21,7 @@ fn tracer(triangles: &[[Vec3; 3]]) -> Tracer {
         mesh: 0,
         world_from_local: Affine3A::IDENTITY,
         origin: SurfaceOrigin::None,
+        role: Default::default(),
     });
     Tracer::new(&scene)
 }

@@ -82,8 +82,14 @@ impl Tracer {
             let (surface, triangle) = triangles.place(number);
             scene.world_triangle(surface, triangle).map(|p| p.to_array())
         };
-        let corners: Vec<[[f32; 3]; 3]> = (0..triangles.count() as u32).into_par_iter().map(corners).collect();
+        let mut corners: Vec<[[f32; 3]; 3]> = (0..triangles.count() as u32).into_par_iter().map(corners).collect();
         let largest = corners.iter().flatten().flatten().fold(0.0f32, |m, c| m.max(c.abs()));
+        // Rays pass through what doesn't cast: the tree leaves out triangles that are not finite, and keeps their numbers.
+        for (number, triangle) in corners.iter_mut().enumerate() {
+            if !scene.surfaces[triangles.surface[number] as usize].role.casts {
+                *triangle = [[f32::NAN; 3]; 3];
+            }
+        }
         let mut mirrored: Vec<bool> = scene.surfaces.iter().map(|s| s.is_mirrored()).collect();
         if !mirrored.contains(&true) {
             mirrored.clear();

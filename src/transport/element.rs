@@ -122,10 +122,11 @@ impl Elements {
         limits: Limits,
     ) -> Self {
         let patches = ground.patches;
-        let open: Vec<u32> = (0..patches.len() as u32).filter(|&i| !exposure.is_buried(i as usize)).collect();
+        let is_open = |&i: &u32| !exposure.is_buried(i as usize) && ground.casts(i as usize);
+        let open: Vec<u32> = (0..patches.len() as u32).filter(is_open).collect();
         let has_back = |&i: &u32| {
             let (surface, triangle) = ground.tracer.place(patches.first_triangle(i as usize));
-            ground.scene.material(surface, triangle).double_sided
+            ground.casts(i as usize) && ground.scene.material(surface, triangle).double_sided
         };
         let backs: Vec<u32> = (0..patches.len() as u32).filter(has_back).collect();
         let mut clusters: Vec<(bool, Vec<u32>)> = Vec::new();

@@ -7,7 +7,7 @@ use super::layout::Content;
 use super::mask;
 use super::overlap::{Cells, bounds, centers};
 use super::shape::Sets;
-use super::{Atlas, Density, MeshUvs, Placement, UnwrapParams, UvMode, area, surface_area};
+use super::{Atlas, Density, MeshUvs, Placement, UnwrapParams, UvMode, areas, surface_area};
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use crate::scene::{Mesh, Scene, Surface};
@@ -130,7 +130,7 @@ pub fn page_space(
     let meshes: Vec<MeshUvs> = sets.iter_mut().map(|s| s.take().map_or_else(MeshUvs::default, |set| set.uvs)).collect();
     let flat: f64 = scene.surfaces.iter().map(|s| uv_area(&meshes[s.mesh])).sum();
     // Texels along a page's side for each texel per metre.
-    let side_per_density = (area(scene) / flat).sqrt();
+    let side_per_density = (areas(scene).iter().sum::<f64>() / flat).sqrt();
     let nearest = |side: f64| (side.max(16.0).log2().round() as u32).clamp(4, 14);
     let side = match params.density {
         Density::FillPage(side) => side,
@@ -145,6 +145,7 @@ pub fn page_space(
         placements: vec![placement; scene.surfaces.len()],
         density: (f64::from(side) / side_per_density) as f32,
         padding: params.padding,
+        shown_pages: 1,
     })
 }
 

@@ -1,6 +1,7 @@
 //! Texel density and pages: how large everything is, and which page it goes on.
 
 use super::chart::Chart;
+use super::density::Share;
 use super::mask::Page;
 use super::pack::{self, Block, Order, Piece, Slot};
 use super::{Density, UnwrapParams};
@@ -44,6 +45,8 @@ pub struct Layout {
     pub sized: Vec<Sized>,
     /// The page of each surface, and the slots of its mesh's pieces.
     pub surfaces: Vec<(u32, Vec<Slot>)>,
+    /// Pages of shown surfaces, which come first.
+    pub shown_pages: usize,
 }
 
 /// What is laid out.
@@ -55,8 +58,47 @@ pub struct Subject<'a> {
     pub meshes: &'a [usize],
     /// The name of each surface.
     pub names: &'a [&'a str],
-    /// Area of all surfaces [m²].
-    pub area: f64,
+    /// Area of each surface [m²].
+    pub areas: &'a [f64],
+    /// Which surfaces lie on pages that are written.
+    pub shown: &'a [bool],
+    /// The density of each mesh.
+    pub shares: &'a [Share],
+}
+
+impl Subject<'_> {
+    /// The surfaces that are shown, or those that aren't.
+    fn surfaces(&self, shown: bool) -> Vec<usize> {
+        (0..self.meshes.len()).filter(|&s| self.shown[s] == shown).collect()
+    }
+
+    /// The density at which shown surfaces have about `count` texels.
+    fn density_of(&self, count: f64) -> f64 {
+        let shown = self.surfaces(true).into_iter();
+        Share::density_of(shown.map(|s| (self.areas[s], self.shares[self.meshes[s]])), count)
+    }
+}
+
+/// The density of meshes at some density of the bake.
+struct Densities<'a> {
+    shares: &'a [Share],
+    /// That above which a mesh's charts don't fit a page.
+    caps: &'a [f64],
+    density: f64,
+    /// Before it was lowered.
+    asked: f64,
+}
+
+impl Densities<'_> {
+    /// What mesh `mesh` is to have, whether it fits or not.
+    fn wanted(&self, mesh: usize) -> f64 {
+        self.shares[mesh].at(self.density, self.asked)
+    }
+
+    /// What mesh `mesh` has.
+    fn of(&self, mesh: usize) -> f64 {
+        self.wanted(mesh).min(self.caps[mesh])
+    }
 }
 
 /// Why surfaces don't fit their pages.
@@ -78,12 +120,9 @@ pub fn layout(
     progress: &dyn Progress,
 ) -> Result<Layout> {
     match params.density {
-        Density::FillPage(side) => fill(subject, side, params.padding, progress),
+        Density::FillPage(side) => fill(subject, side, params, progress),
         Density::TexelsPerMetre(density) => spread(subject, f64::from(density), params, warnings, progress),
-        Density::TexelCount(count) => {
-            let density = (count as f64 / subject.area).sqrt();
-            spread(subject, density, params, warnings, progress)
-        }
+        Density::TexelCount(count) => spread(subject, subject.density_of(count as f64), params, warnings, progress),
     }
 }
 
@@ -93,31 +132,41 @@ const TRIALS: usize = 7;
 /// Up to this many pieces, a page that one order overfills is tried with another.
 const FEW: usize = 500;
 
-/// One page of `side` squared, filled as well as bisection finds.
-fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> Result<Layout> {
-    let all: Vec<usize> = (0..subject.meshes.len()).collect();
+/// One page of `side` squared, filled as well as bisection finds; hidden surfaces on further ones.
+fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Progress) -> Result<Layout> {
+    let padding = params.padding;
+    let shown = subject.surfaces(true);
     let caps = caps(subject, side, padding);
     let attempt = |density: f64| -> Result<Option<Layout>> {
-        if caps.iter().any(|&c| c < density) {
+        let densities = Densities { shares: subject.shares, caps: &caps, density, asked: density };
+        let is_too_long = |&s: &usize| {
+            let mesh = subject.meshes[s];
+            subject.shares[mesh].own.is_none() && caps[mesh] < densities.wanted(mesh)
+        };
+        if shown.iter().any(is_too_long) {
             return Ok(None);
         }
-        let sized = measure(subject, density, &caps, padding, progress)?;
-        let count: usize = all.iter().map(|&s| sized[subject.meshes[s]].pieces.len()).sum();
-        if cost(subject, &sized, &all, padding) > 1.1 * f64::from(side) * f64::from(side) {
+        let sized = measure(subject, &densities, padding, progress)?;
+        let count: usize = shown.iter().map(|&s| sized[subject.meshes[s]].pieces.len()).sum();
+        if cost(subject, &sized, &shown, padding) > 1.1 * f64::from(side) * f64::from(side) {
             return Ok(None);
         }
         let orders: &[Order] = if count <= FEW { &[Order::Side, Order::Texels] } else { &[Order::Side] };
         for &order in orders {
             let mut page = Page::new([side, side], padding, padding);
-            if let Some(slots) = place_surfaces(subject, &sized, &all, &mut page, order, progress)? {
-                let surfaces = slots.into_iter().map(|s| (0, s)).collect();
-                return Ok(Some(Layout { pages: vec![[side, side]], density, sized, surfaces }));
+            if let Some(slots) = place_surfaces(subject, &sized, &shown, &mut page, order, progress)? {
+                let mut layout =
+                    Layout { pages: vec![[side, side]], density, sized, surfaces: Vec::new(), shown_pages: 1 };
+                layout.surfaces = vec![(0, Vec::new()); subject.meshes.len()];
+                shown.iter().zip(slots).for_each(|(&s, slots)| layout.surfaces[s] = (0, slots));
+                let hidden = Paging { page_size: side, max_pages: MOST_HIDDEN_PAGES, padding };
+                return Ok(add_hidden(subject, layout, &hidden, progress)?.ok());
             }
         }
         Ok(None)
     };
     // All texels of the page are more than can be used, a tenth of them is nearly always possible.
-    let most = f64::from(side) / subject.area.sqrt();
+    let most = subject.density_of(f64::from(side).powi(2));
     let (mut high, mut low) = (most, 0.8 * most);
     let mut best = None;
     for _ in 0..64 {
@@ -130,7 +179,9 @@ fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> 
     let Some(mut best) = best else {
         return Err(Error::invalid(
             "unwrap",
-            format!("the charts don't fit a page of {side} x {side} texels at any density; ask for a larger page"),
+            format!(
+                "the charts don't fit a page of {side} x {side} texels at any density; ask for a larger page, or for lower densities of single objects"
+            ),
         ));
     };
     for _ in 0..TRIALS {
@@ -143,48 +194,55 @@ fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> 
     Ok(best)
 }
 
-/// As many pages as `density` needs.
+/// As many pages as `asked`, the density asked for, needs.
 fn spread(
     subject: &Subject,
-    density: f64,
+    asked: f64,
     params: &UnwrapParams,
     warnings: &mut Warnings,
     progress: &dyn Progress,
 ) -> Result<Layout> {
+    let paging = Paging { page_size: params.page_size, max_pages: params.max_pages, padding: params.padding };
+    let hidden = Paging { max_pages: MOST_HIDDEN_PAGES, ..paging };
+    let shown = subject.surfaces(true);
     let mut caps = caps(subject, params.page_size, params.padding);
     let page_area = f64::from(params.page_size).powi(2);
-    let mut lowered = density;
+    let mut density = asked;
     // Far beyond what fits, bitmaps needn't be made to know it.
-    while demand(subject, lowered, &caps) > 3.0 * page_area * f64::from(params.max_pages) {
-        lowered *= 0.9;
+    let demand = |density: f64, caps: &[f64]| {
+        demand(subject, &shown, &Densities { shares: subject.shares, caps, density, asked })
+    };
+    while demand(density, &caps) > 3.0 * page_area * f64::from(params.max_pages) {
+        density *= 0.9;
     }
     for _ in 0..200 {
-        let sized = measure(subject, lowered, &caps, params.padding, progress)?;
-        match assign(subject, &sized, params, progress)? {
+        let densities = Densities { shares: subject.shares, caps: &caps, density, asked };
+        let sized = measure(subject, &densities, params.padding, progress)?;
+        let shown_layout = assign(subject, &sized, &shown, &paging, progress)?;
+        let costs_of = |surface: usize| cost(subject, &sized, &[surface], params.padding);
+        let overflow = match shown_layout {
             Ok((pages, surfaces)) => {
-                if lowered < density {
-                    warnings.add(
-                        "unwrap",
-                        format!(
-                            "{} page(s) of {} texels don't hold the scene at {density:.3} texels per metre; the density was \
-                             lowered to {lowered:.3}",
-                            params.max_pages, params.page_size
-                        ),
-                    );
+                // Too large ones among the hidden are found by their cost once the layout has taken the sizes.
+                let costs: Vec<f64> = (0..subject.meshes.len()).map(costs_of).collect();
+                let shown_pages = pages.len();
+                let layout = Layout { pages, density, sized, surfaces, shown_pages };
+                match add_hidden(subject, layout, &hidden, progress)? {
+                    Ok(layout) => {
+                        warn_of_lowered(subject, &densities, params, warnings);
+                        return Ok(layout);
+                    }
+                    Err(Overflow::Surface(surface)) => (Overflow::Surface(surface), costs[surface]),
+                    Err(overflow) => (overflow, 0.0),
                 }
-                for (&mesh, name) in subject.meshes.iter().zip(subject.names).filter(|(m, _)| caps[**m] < lowered) {
-                    warnings.add(
-                        format!("{name} ({:.3} texels per metre)", caps[mesh]),
-                        "the surface is larger than a page at this density; its own density was lowered",
-                    );
-                }
-                return Ok(Layout { pages, density: lowered, sized, surfaces });
             }
-            Err(Overflow::Pages(ratio)) => lowered *= ratio.sqrt().recip().clamp(0.5, 0.93),
-            Err(Overflow::Surface(surface)) => {
-                let ratio = cost(subject, &sized, &[surface], params.padding) / (0.85 * page_area);
-                let cap = &mut caps[subject.meshes[surface]];
-                *cap = cap.min(lowered) * ratio.sqrt().recip().clamp(0.25, 0.93);
+            Err(Overflow::Surface(surface)) => (Overflow::Surface(surface), costs_of(surface)),
+            Err(overflow) => (overflow, 0.0),
+        };
+        match overflow {
+            (Overflow::Pages(ratio), _) => density *= ratio.sqrt().recip().clamp(0.5, 0.93),
+            (Overflow::Surface(surface), cost) => {
+                let (mesh, ratio) = (subject.meshes[surface], cost / (0.85 * page_area));
+                caps[mesh] = densities.of(mesh) * ratio.sqrt().recip().clamp(0.25, 0.93);
             }
         }
     }
@@ -197,33 +255,88 @@ fn spread(
     ))
 }
 
+/// Says which densities are not what was asked for.
+fn warn_of_lowered(subject: &Subject, densities: &Densities, params: &UnwrapParams, warnings: &mut Warnings) {
+    let Densities { density, asked, caps, .. } = *densities;
+    if density < asked {
+        warnings.add(
+            "unwrap",
+            format!(
+                "{} page(s) of {} texels don't hold the scene at {asked:.3} texels per metre; the density was lowered to \
+                 {density:.3}",
+                params.max_pages, params.page_size
+            ),
+        );
+    }
+    for (&mesh, name) in subject.meshes.iter().zip(subject.names).filter(|(m, _)| caps[**m] < densities.wanted(**m)) {
+        warnings.add(
+            format!("{name} ({:.3} texels per metre)", caps[mesh]),
+            "the surface is larger than a page at this density; its own density was lowered",
+        );
+    }
+}
+
+/// Hidden pages at most; they cost memory alone.
+const MOST_HIDDEN_PAGES: u32 = 1024;
+
+/// Which pages may be filled.
+#[derive(Clone, Copy)]
+struct Paging {
+    page_size: u32,
+    max_pages: u32,
+    padding: u32,
+}
+
+/// Adds pages for the surfaces that aren't shown to the layout of those that are.
+fn add_hidden(
+    subject: &Subject,
+    mut layout: Layout,
+    paging: &Paging,
+    progress: &dyn Progress,
+) -> Result<std::result::Result<Layout, Overflow>> {
+    let hidden = subject.surfaces(false);
+    if hidden.is_empty() {
+        return Ok(Ok(layout));
+    }
+    let first = layout.pages.len() as u32;
+    Ok(assign(subject, &layout.sized, &hidden, paging, progress)?.map(|(pages, mut surfaces)| {
+        layout.pages.extend(pages);
+        for s in hidden {
+            let (page, slots) = std::mem::take(&mut surfaces[s]);
+            layout.surfaces[s] = (first + page, slots);
+        }
+        layout
+    }))
+}
+
 type Places = (Vec<[u32; 2]>, Vec<(u32, Vec<Slot>)>);
 
-/// Fills page after page.
+/// Fills page after page with the surfaces `which`.
 fn assign(
     subject: &Subject,
     sized: &[Sized],
-    params: &UnwrapParams,
+    which: &[usize],
+    paging: &Paging,
     progress: &dyn Progress,
 ) -> Result<std::result::Result<Places, Overflow>> {
-    let padding = params.padding;
+    let Paging { page_size, max_pages, padding } = *paging;
     let costs: Vec<f64> = (0..subject.meshes.len()).map(|s| cost(subject, sized, &[s], padding)).collect();
-    let mut left: Vec<usize> = (0..costs.len()).collect();
+    let mut left: Vec<usize> = which.to_vec();
     left.sort_by(|&a, &b| costs[b].total_cmp(&costs[a]).then(a.cmp(&b)));
-    let full = [params.page_size; 2];
-    let page_area = f64::from(params.page_size).powi(2);
+    let full = [page_size; 2];
+    let page_area = f64::from(page_size).powi(2);
     let mut pages = Vec::new();
     let mut surfaces = vec![(0, Vec::new()); costs.len()];
     while !left.is_empty() {
         let total: f64 = left.iter().map(|&s| costs[s]).sum();
-        if pages.len() == params.max_pages as usize || total > 1.2 * page_area * f64::from(params.max_pages) {
-            let missing = total / page_area / f64::from(params.max_pages);
-            return Ok(Err(Overflow::Pages((missing + pages.len() as f64 / f64::from(params.max_pages)) * 1.1)));
+        if pages.len() == max_pages as usize || total > 1.2 * page_area * f64::from(max_pages) {
+            let missing = total / page_area / f64::from(max_pages);
+            return Ok(Err(Overflow::Pages((missing + pages.len() as f64 / f64::from(max_pages)) * 1.1)));
         }
         let number = pages.len() as u32;
         // All of the rest on one page, as small a one as holds it.
         let mut done = false;
-        for size in page_sizes(params.page_size).filter(|s| f64::from(s[0]) * f64::from(s[1]) > 0.95 * total).take(5) {
+        for size in page_sizes(page_size).filter(|s| f64::from(s[0]) * f64::from(s[1]) > 0.95 * total).take(5) {
             let mut page = Page::new(size, padding, padding);
             if let Some(slots) = place_surfaces(subject, sized, &left, &mut page, Order::Side, progress)? {
                 left.drain(..).zip(slots).for_each(|(s, slots)| surfaces[s] = (number, slots));
@@ -311,8 +424,8 @@ fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
     content.collect()
 }
 
-/// Texels in the boxes of all charts.
-fn demand(subject: &Subject, density: f64, caps: &[f64]) -> f64 {
+/// Texels in the boxes of all charts of `surfaces`.
+fn demand(subject: &Subject, surfaces: &[usize], densities: &Densities) -> f64 {
     let boxes = |mesh: usize| -> f64 {
         match &subject.contents[mesh] {
             Content::Charts(charts) | Content::Shared(charts) => charts.iter().map(|c| c.size.x * c.size.y).sum(),
@@ -320,15 +433,15 @@ fn demand(subject: &Subject, density: f64, caps: &[f64]) -> f64 {
             Content::Unused => 0.0,
         }
     };
-    let boxes: Vec<f64> = (0..caps.len()).map(boxes).collect();
-    subject.meshes.iter().map(|&m| boxes[m] * density.min(caps[m]).powi(2)).sum()
+    let boxes: Vec<f64> = (0..subject.contents.len()).map(boxes).collect();
+    surfaces.iter().map(|&s| subject.meshes[s]).map(|m| boxes[m] * densities.of(m).powi(2)).sum()
 }
 
-/// Every mesh at `density`, or its own cap where that is lower.
-fn measure(subject: &Subject, density: f64, caps: &[f64], padding: u32, progress: &dyn Progress) -> Result<Vec<Sized>> {
-    let measure = |(content, cap): (&Content, &f64)| {
+/// Every mesh at its density.
+fn measure(subject: &Subject, densities: &Densities, padding: u32, progress: &dyn Progress) -> Result<Vec<Sized>> {
+    let measure = |(mesh, content): (usize, &Content)| {
         progress.check()?;
-        let density = density.min(*cap);
+        let density = densities.of(mesh);
         let boxes = |charts: &[Chart]| charts.iter().map(|c| pack::texel_size(c.size, density)).collect();
         let pieces = |charts: &[Chart]| charts.iter().map(|c| Piece::chart(c, density)).collect::<Vec<_>>();
         Ok(match content {
@@ -344,7 +457,7 @@ fn measure(subject: &Subject, density: f64, caps: &[f64], padding: u32, progress
             Content::Unused => Sized::default(),
         })
     };
-    subject.contents.par_iter().zip(caps).map(measure).collect()
+    subject.contents.par_iter().enumerate().map(measure).collect()
 }
 
 /// Texels that `surfaces` take up, about.

@@ -3,6 +3,9 @@
 //! Authored UVs are kept where they are sound ([`authored`]). Other meshes are cut into charts ([`charting`]), the density is
 //! chosen and surfaces are dealt out to pages ([`layout`]), and charts are placed at whole texels ([`pack`]).
 //!
+//! Surfaces whose texels no file shows ([`crate::scene::role`]) lie on pages of their own behind the others. A surface may have
+//! its own density, or a factor on it ([`density`]).
+//!
 //! What holds of the result: each triangle has UVs of positive area; no two charts touch a texel in common, and `padding`
 //! texels lie between any two (authored page-space UVs excepted, which are warned about); a surface lies on one page. A UV is
 //! rounded to single precision, so an edge that lies on a texel border may reach into the next texel by less than
@@ -11,6 +14,7 @@
 pub mod authored;
 mod chart;
 mod charting;
+mod density;
 mod layout;
 pub mod mask;
 mod overlap;
@@ -19,11 +23,12 @@ mod shape;
 mod split;
 mod xatlas;
 
-use crate::error::{Result, Warnings};
+use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use authored::Set;
 use chart::Chart;
+pub use density::Share;
 use glam::{DVec2, Vec2};
 use layout::{Content, Layout, Subject};
 use pack::Slot;
@@ -43,6 +48,9 @@ pub struct Atlas {
     pub density: f32,
     /// Empty texels kept between charts and to the page's edge.
     pub padding: u32,
+    /// How many of the pages are written: the first ones. The others hold surfaces that only reflect, or whose light is
+    /// written as vertex colours.
+    pub shown_pages: usize,
 }
 
 /// Lightmap UVs of a mesh, shared by all of its surfaces; empty where none uses it.
@@ -121,8 +129,22 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
     progress.begin("unwrap", triangles);
 
     let mut sets = authored::sets(scene, &users, params, &mut warnings, progress)?;
-    if let Some(atlas) = authored::page_space(scene, &mut sets, params, &mut warnings) {
-        return Ok((atlas, warnings));
+    let shown: Vec<bool> = scene.surfaces.iter().map(|s| s.role.is_shown()).collect();
+    if !shown.contains(&true) {
+        return Err(Error::invalid(
+            "unwrap",
+            "no surface both receives light and has a lightmap; there is nothing to bake",
+        ));
+    }
+    let shares = density::shares(scene, &users, &mut warnings);
+    let is_even = shares.iter().all(|s| *s == Share::default());
+    if !shown.contains(&false) && is_even {
+        if let Some(atlas) = authored::page_space(scene, &mut sets, params, &mut warnings) {
+            return Ok((atlas, warnings));
+        }
+    } else if params.uv != UvMode::New && sets.iter().any(Option::is_some) {
+        let message = "with objects of other roles or densities each surface gets a rectangle for its authored UVs";
+        warnings.add("unwrap", message);
     }
     let fresh: Vec<usize> = (0..users.len()).filter(used).filter(|&m| sets[m].is_none()).collect();
     let shapes: Vec<Shape> = fresh.par_iter().map(|&m| Shape::new(scene, m, &users[m])).collect();
@@ -134,16 +156,17 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
         contents: &contents,
         meshes: &scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>(),
         names: &scene.surfaces.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
-        area: area(scene),
+        areas: &areas(scene),
+        shown: &shown,
+        shares: &shares,
     };
     let layout = layout::layout(&subject, params, &mut warnings, progress)?;
     Ok((place(scene, contents, sets, layout, params.padding), warnings))
 }
 
-/// Area of all surfaces [m²].
-fn area(scene: &Scene) -> f64 {
-    let areas: Vec<f64> = (0..scene.surfaces.len()).into_par_iter().map(|s| surface_area(scene, s)).collect();
-    areas.iter().sum()
+/// Area of each surface [m²].
+fn areas(scene: &Scene) -> Vec<f64> {
+    (0..scene.surfaces.len()).into_par_iter().map(|s| surface_area(scene, s)).collect()
 }
 
 /// Area of surface `surface` [m²].
@@ -194,7 +217,8 @@ fn place(scene: &Scene, contents: Vec<Content>, sets: Vec<Option<Set>>, layout: 
             *mesh = set.uvs;
         }
     }
-    Atlas { pages: layout.pages, meshes, placements, density: layout.density as f32, padding }
+    let Layout { pages, density, shown_pages, .. } = layout;
+    Atlas { pages, meshes, placements, density: density as f32, padding, shown_pages }
 }
 
 /// UVs of a mesh whose charts have boxes of `boxes` texels at `slots` of a rectangle of `size` texels.
@@ -248,6 +272,23 @@ fn rounded(corners: [DVec2; 3], size: DVec2) -> [Vec2; 3] {
 }
 
 impl Atlas {
+    /// True where `surface` (index) lies on a page that is written.
+    pub fn is_shown(&self, surface: usize) -> bool {
+        (self.placements[surface].page as usize) < self.shown_pages
+    }
+
+    /// Texels per metre of `surface` (index), on average over its area; 0 for one without area.
+    pub fn surface_density(&self, scene: &Scene, surface: usize) -> f32 {
+        let mesh = scene.surfaces[surface].mesh;
+        let texels = |t: usize| {
+            let [a, b, c] = self.page_texels(surface, mesh, t).map(|p| p.as_dvec2());
+            0.5 * (b - a).perp_dot(c - a).abs()
+        };
+        let texels: f64 = (0..scene.meshes[mesh].triangles.len()).map(texels).sum();
+        let area = surface_area(scene, surface);
+        if area > 0.0 { (texels / area).sqrt() as f32 } else { 0.0 }
+    }
+
     /// Page UVs of triangle `triangle` of `surface` (index), whose mesh is `mesh`.
     pub fn page_uv(&self, surface: usize, mesh: usize, triangle: usize) -> [Vec2; 3] {
         let p = self.placements[surface];

@@ -67,7 +67,7 @@ impl<'a> WatchFolder<'a> {
     pub fn show(&self, iteration: u64, lit: &Lit, irradiance: impl Fn(usize) -> Rgb) -> Result<()> {
         let irradiance: Vec<Rgb> = (0..lit.ground.patches.len()).map(irradiance).collect();
         let pages = finish(lit, &irradiance, self.quantity).pages;
-        for (page, image) in pages.iter().enumerate() {
+        for (page, image) in pages.iter().enumerate().take(lit.ground.atlas.shown_pages) {
             let name = |extension: &str| self.folder.join(format!("{iteration:06}_{page}.{extension}"));
             let header =
                 PageHeader { quantity: self.quantity, page: page as u32, density: lit.ground.atlas.density, scene: "" };

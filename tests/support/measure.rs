@@ -208,6 +208,7 @@ fn pieces_scene(pieces: &[Piece]) -> (Scene, Atlas) {
             mesh: k,
             world_from_local: Affine3A::IDENTITY,
             origin: SurfaceOrigin::None,
+            role: Default::default(),
         });
         let size = Vec2::new(piece.size[0] as f32, piece.size[1] as f32);
         let place = |uv: Vec2| (uv * size + Vec2::new(2.0, top as f32)) / Vec2::new(width as f32, height as f32);
@@ -221,7 +222,7 @@ fn pieces_scene(pieces: &[Piece]) -> (Scene, Atlas) {
         top += piece.size[1] + 2;
     }
     let placements = vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }; pieces.len()];
-    (scene, Atlas { pages: vec![[width, height]], meshes, placements, density: 1.0, padding: 2 })
+    (scene, Atlas { pages: vec![[width, height]], meshes, placements, density: 1.0, padding: 2, shown_pages: 1 })
 }
 
 /// A closed box from `corner`, fronts outside.

@@ -78,6 +78,7 @@ pub fn scene(quads: &[Quad]) -> Scene {
             mesh: i,
             world_from_local: Affine3A::IDENTITY,
             origin: SurfaceOrigin::None,
+            role: Default::default(),
         });
     }
     scene
@@ -101,6 +102,7 @@ pub fn atlas(count: usize, texels: u32) -> Atlas {
         placements: vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }; count],
         density: 1.0,
         padding: 2,
+        shown_pages: 1,
     }
 }
 
@@ -145,6 +147,7 @@ pub fn mesh_scene(surfaces: &[Vec<[Vec3; 3]>]) -> Scene {
             mesh: i,
             world_from_local: Affine3A::IDENTITY,
             origin: SurfaceOrigin::None,
+            role: Default::default(),
         });
     }
     scene
@@ -174,6 +177,7 @@ pub fn mesh_atlas(surfaces: &[Vec<[Vec3; 3]>], texels: u32) -> Atlas {
         placements: vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }; surfaces.len()],
         density: 1.0,
         padding: 2,
+        shown_pages: 1,
     }
 }
 

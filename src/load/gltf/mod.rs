@@ -22,6 +22,7 @@ mod morph;
 mod node;
 mod profile;
 mod projector;
+pub mod role;
 mod skin;
 mod texture;
 mod transmission;
@@ -30,7 +31,7 @@ mod variant;
 
 use super::{LoadOptions, Loaded, Source};
 use crate::error::{Result, Warnings};
-use crate::scene::{Scene, Surface, SurfaceOrigin};
+use crate::scene::{Role, Scene, Surface, SurfaceOrigin};
 use document::Document;
 use std::path::{Path, PathBuf};
 
@@ -69,7 +70,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
         let Some(index) = node.mesh else { continue };
         let mesh = meshes.read(index, &node.weights, node.skin.as_deref(), &mut warnings)?;
         for (name, world_from_local) in node.placements() {
-            surfaces.push(Surface { name, mesh, world_from_local, origin: SurfaceOrigin::GltfNode(node.index) });
+            let (origin, role) = (SurfaceOrigin::GltfNode(node.index), node.role.apply(Role::default()));
+            surfaces.push(Surface { name, mesh, world_from_local, origin, role });
         }
     }
     if surfaces.is_empty() && document.count("meshes") > 0 {

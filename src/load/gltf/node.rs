@@ -6,8 +6,10 @@
 use super::accessor;
 use super::animation::Pose;
 use super::document::Document;
+use super::role;
 use super::skin::Skin;
 use crate::error::{Error, Result, Warnings};
+use crate::scene::RoleOpinion;
 use ::gltf::json;
 use ::gltf::json::accessor::Type;
 use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
@@ -34,6 +36,8 @@ pub(super) struct PlacedNode {
     pub weights: Vec<f32>,
     /// The skin that the mesh is bound to, in the pose of its joints.
     pub skin: Option<Arc<Skin>>,
+    /// What it says, and inherits, of its role.
+    pub role: RoleOpinion,
     /// EXT_mesh_gpu_instancing: transforms within the node.
     instances: Option<Vec<DAffine3>>,
 }
@@ -61,6 +65,8 @@ struct Visit {
     world_from_parent: DAffine3,
     /// Its place in the list of names, and depth.
     parent_name: Option<usize>,
+    /// What it inherits of roles.
+    role: RoleOpinion,
 }
 
 /// The nodes of a document, and where they are.
@@ -92,7 +98,12 @@ pub(super) fn flatten(document: &Document, pose: &Pose, warnings: &mut Warnings)
     let mut unique = UniqueNames::default();
     let mut stack: Vec<Visit> = Vec::new();
     for root in roots {
-        stack.push(Visit { index: root, world_from_parent: DAffine3::IDENTITY, parent_name: None });
+        stack.push(Visit {
+            index: root,
+            world_from_parent: DAffine3::IDENTITY,
+            parent_name: None,
+            role: RoleOpinion::default(),
+        });
         while let Some(visit) = stack.pop() {
             let index = visit.index;
             let Some((node, seen)) = tree.nodes.get(index).zip(visited.get_mut(index)) else {
@@ -121,13 +132,20 @@ pub(super) fn flatten(document: &Document, pose: &Pose, warnings: &mut Warnings)
                 continue;
             }
             let world_from_local = visit.world_from_parent * local_transform(node, index, pose);
+            let role = role::opinion(document, index)?.over(visit.role);
             // The stack turns the order around.
             for child in node.children.iter().flatten().rev() {
                 let child = child.value();
-                stack.push(Visit { index: child, world_from_parent: world_from_local, parent_name: Some(here) });
+                stack.push(Visit { index: child, world_from_parent: world_from_local, parent_name: Some(here), role });
             }
-            if let Some(node) = tree.place(index, world_from_local, || unique.make(path(&names, here)), warnings)? {
+            if let Some(node) =
+                tree.place(index, world_from_local, role, || unique.make(path(&names, here)), warnings)?
+            {
                 placed.push(node);
+            }
+            // A surface may be called back by settings; lights are left out here.
+            if let Some(node) = placed.last_mut().filter(|n| n.index == index && n.role.skip == Some(true)) {
+                (node.light, node.area_light) = (None, None);
             }
         }
     }
@@ -140,6 +158,7 @@ impl Tree<'_> {
         &mut self,
         index: usize,
         world_from_local: DAffine3,
+        role: RoleOpinion,
         name: impl FnOnce() -> String,
         warnings: &mut Warnings,
     ) -> Result<Option<PlacedNode>> {
@@ -170,7 +189,7 @@ impl Tree<'_> {
         let animated = self.pose.get(&index).and_then(|a| a.weights.clone());
         let weights = animated.or_else(|| node.weights.clone()).unwrap_or_default();
         let skin = skin.map(|s| self.skin(s)).transpose()?;
-        Ok(Some(PlacedNode { index, name, mesh, light, area_light, world_from_local, weights, skin, instances }))
+        Ok(Some(PlacedNode { index, name, mesh, light, area_light, world_from_local, weights, skin, role, instances }))
     }
 
     /// Skin `index`, its joints where the pose has them.

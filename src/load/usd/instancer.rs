@@ -79,6 +79,7 @@ impl Walk {
                     mesh: gprim.mesh,
                     world: state.world * local * gprim.world,
                     origin,
+                    role: gprim.role,
                 });
             }
         }

@@ -19,6 +19,7 @@ mod network;
 mod polygon;
 mod primvar;
 mod read;
+mod role;
 mod shape;
 mod shaping;
 mod skel;

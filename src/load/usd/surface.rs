@@ -64,7 +64,14 @@ impl Walk {
             SurfaceOrigin::UsdPrim
         };
         let path = path.to_owned();
-        self.surfaces.push(Placed { name: path.clone(), prim: path, mesh, world: state.world, origin });
+        self.surfaces.push(Placed {
+            name: path.clone(),
+            prim: path,
+            mesh,
+            world: state.world,
+            origin,
+            role: state.role,
+        });
     }
 
     /// The index of the mesh of `prim`, built where no surface has used it before.

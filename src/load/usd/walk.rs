@@ -3,12 +3,13 @@
 use super::binding::{self, Collections, Level};
 use super::material::Materials;
 use super::read::{self, Reading};
+use super::role;
 use super::skel::Skeletons;
 use super::surface::{MeshKey, ShiningKey};
 use super::{light, shape, xform};
 use crate::error::Warnings;
 use crate::load::options::{LoadOptions, Purpose};
-use crate::scene::{Scene, Surface, SurfaceOrigin};
+use crate::scene::{Role, RoleOpinion, Scene, Surface, SurfaceOrigin};
 use glam::{Affine3A, DMat4, Vec3};
 use openusd::sdf::{Path, Specifier};
 use openusd::tf::Token;
@@ -43,6 +44,8 @@ pub struct State {
     pub bindings: Option<Rc<Level>>,
     /// The closest constant displayColor above.
     pub color: Option<Vec3>,
+    /// What is said of roles here and above.
+    pub role: RoleOpinion,
     /// The outermost native instance above, as a path.
     pub instance: Option<Rc<str>>,
     depth: usize,
@@ -57,6 +60,7 @@ pub struct Placed {
     pub mesh: usize,
     pub world: DMat4,
     pub origin: SurfaceOrigin,
+    pub role: RoleOpinion,
 }
 
 impl Placed {
@@ -155,6 +159,7 @@ impl Walk {
             in_skel_root: false,
             bindings: None,
             color: None,
+            role: RoleOpinion::default(),
             instance: None,
             depth: 0,
         };
@@ -175,6 +180,7 @@ impl Walk {
                 mesh: placed.mesh,
                 world_from_local: Affine3A::from_mat4(placed.world.as_mat4()),
                 origin: placed.origin,
+                role: placed.role.apply(Role::default()),
             })
             .collect();
         let (materials, textures, mut files) = self.materials.into_parts();
@@ -270,6 +276,7 @@ impl Walk {
             };
             state.world = base * local.parent_from_local;
         }
+        state.role = role::opinion(prim, names, above.role, w);
         state.bindings = binding::level(prim, names, &above.bindings, w);
         if has("primvars:displayColor")
             && let Some(color) = constant_color(prim, w)
@@ -301,7 +308,9 @@ impl Walk {
             "Mesh" => self.place_gprim(prim, kind, state),
             _ if shape::is_shape(kind) => self.place_gprim(prim, kind, state),
             _ if light::is_light(kind) => {
-                if self.expanding.is_empty() {
+                if state.role.skip == Some(true) {
+                    // Left out with all that lies below the prim that says so.
+                } else if self.expanding.is_empty() {
                     light::read_light(self, prim, kind, state);
                 } else {
                     self.warnings.add(prim.path(), "a light below a point instancer was left out");

@@ -36,9 +36,16 @@ pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Resu
             last = Some(mesh);
             mesh
         };
-        let tex_coord = write_mesh(doc, baked, target, scene_mesh, warnings)?;
+        let is_shown = |surfaces: &[usize]| surfaces.iter().any(|s| baked.atlas.is_shown(*s));
+        let tex_coord = match placed.iter().any(|(surfaces, _)| is_shown(surfaces)) {
+            true => write_mesh(doc, baked, target, scene_mesh, warnings)?,
+            false => 0,
+        };
         for (surfaces, node) in placed {
             doc.item_mut("nodes", node)?.insert("mesh".into(), target.into());
+            if !is_shown(&surfaces) {
+                continue;
+            }
             if instances::are_in(doc, node)? {
                 instances::write_placements(doc, node, baked, &surfaces, tex_coord)?;
             } else {

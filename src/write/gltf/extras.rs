@@ -2,6 +2,7 @@
 
 use super::document::{Document, Object, index, number, numbers};
 use crate::error::Result;
+use crate::load::gltf::role;
 use crate::unwrap::Placement;
 use crate::write::{Baked, BakedLights};
 use serde_json::{Value, json};
@@ -25,8 +26,16 @@ pub fn lumel(object: &mut Object) -> &mut Object {
     lumel.as_object_mut().expect("just made an object")
 }
 
-/// Takes the extras of an earlier bake out of the document.
+/// Takes the extras of an earlier bake out of the document; what nodes say of their roles stays.
 pub fn strip(doc: &mut Document) {
+    fn strip_node(object: &mut Object) {
+        let lumel = object.get_mut("extras").and_then(|e| e.get_mut(KEY)).and_then(Value::as_object_mut);
+        let Some(lumel) = lumel else { return strip_object(object) };
+        role::WRITTEN.iter().for_each(|key| drop(lumel.shift_remove(*key)));
+        if lumel.is_empty() {
+            strip_object(object);
+        }
+    }
     fn strip_object(object: &mut Object) {
         let Some(extras) = object.get_mut("extras").and_then(Value::as_object_mut) else { return };
         if extras.shift_remove(KEY).is_some() && extras.is_empty() {
@@ -36,7 +45,7 @@ pub fn strip(doc: &mut Document) {
     let root = doc.root_mut();
     root.get_mut("asset").and_then(Value::as_object_mut).into_iter().for_each(strip_object);
     let nodes = root.get_mut("nodes").and_then(Value::as_array_mut);
-    nodes.into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_object);
+    nodes.into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_node);
     lights(root).into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_object);
 }
 

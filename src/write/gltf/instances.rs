@@ -19,7 +19,7 @@ pub fn are_in(doc: &Document, node: usize) -> Result<bool> {
 }
 
 /// Writes the rectangles of the node's surfaces, one an instance. Instances that the scene doesn't hold (their transforms
-/// can't be inverted) get an empty one.
+/// can't be inverted), or that have no lightmap, get an empty one.
 ///
 /// # Errors
 /// `Invalid` where the document is broken.
@@ -40,7 +40,8 @@ pub fn write_placements(
     let count = index(doc.item("accessors", accessor)?, "count").ok_or_else(broken)?;
     let mut rectangles = vec![[0.0; 4]; count];
     let mut pages = vec![[0.0]; count];
-    for (order, surface) in surfaces.iter().enumerate() {
+    let shown = surfaces.iter().enumerate().filter(|(_, surface)| baked.atlas.is_shown(**surface));
+    for (order, surface) in shown {
         // The loader names them by their number.
         let name = &baked.scene.surfaces[*surface].name;
         let number = name.rsplit_once('[').and_then(|(_, n)| n.strip_suffix(']')?.parse().ok()).unwrap_or(order);

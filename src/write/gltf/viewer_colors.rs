@@ -13,13 +13,17 @@ use std::collections::BTreeMap;
 /// Name of the extension without lighting.
 pub const UNLIT: &str = "KHR_materials_unlit";
 
-/// Gives every baked node of `doc` a mesh with vertex colours of its own.
+/// Gives every node of `doc` that receives light a mesh with vertex colours of its own.
 ///
 /// # Errors
 /// `Invalid` where the document is broken, `Unsupported` where a mesh is compressed.
 pub fn write(doc: &mut Document, baked: &Baked, lights: &[SurfaceLight], warnings: &mut Warnings) -> Result<()> {
-    let nodes: Vec<(usize, usize)> =
-        nodes(baked.scene).into_iter().map(|(node, surfaces)| (surfaces[0], node)).collect();
+    // Where instances share a node, the first one with light of its own speaks for all.
+    let receives = |s: &usize| baked.scene.surfaces[*s].role.receives;
+    let nodes: Vec<(usize, usize)> = nodes(baked.scene)
+        .into_iter()
+        .filter_map(|(node, surfaces)| Some((surfaces.into_iter().find(receives)?, node)))
+        .collect();
     let mut users: BTreeMap<usize, usize> = BTreeMap::new();
     for node in 0..doc.count("nodes") {
         if let Some(mesh) = extras::mesh_of(doc, node)? {

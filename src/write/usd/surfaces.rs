@@ -99,6 +99,10 @@ impl Author<'_, '_> {
     /// A gprim that takes opinions of its own.
     fn gprim(&mut self, path: &str, surface: usize) -> Result<()> {
         let mesh = self.baked.scene.surfaces[surface].mesh;
+        if !self.baked.atlas.is_shown(surface) {
+            self.colors_alone(path, surface);
+            return Ok(());
+        }
         if self.uvs(path, mesh) {
             let rectangle = self.rectangle(surface, "")?;
             let colors = self.colors(path, surface);
@@ -108,11 +112,34 @@ impl Author<'_, '_> {
         Ok(())
     }
 
+    /// A gprim without lightmap: its baked colours, where it receives.
+    fn colors_alone(&mut self, path: &str, surface: usize) {
+        let placed = &self.baked.scene.surfaces[surface];
+        if !placed.role.receives || self.baked.corners.is_none() {
+            return;
+        }
+        if self.input.is_remade(placed.mesh) {
+            let message = "has faces of its own making and no lightmap, so it has no baked vertex colours in the layer";
+            self.warnings.add(path, message);
+            return;
+        }
+        let mut attributes = self.colors(path, surface);
+        attributes.push(self.quantity());
+        let prim = self.layer.prim(path);
+        attributes.into_iter().for_each(|a| prim.set(a));
+    }
+
     /// A native instance with the surfaces below it.
     fn instance(&mut self, root: &str, surfaces: &InstanceSurfaces) -> Result<()> {
         let several = self.instances.holds_several(root);
         for (prim, &(surface, mesh)) in surfaces {
             let path = format!("{root}/{prim}");
+            if !self.baked.atlas.is_shown(surface) {
+                if self.baked.scene.surfaces[surface].role.receives {
+                    self.warnings.add(&path, SHARED);
+                }
+                continue;
+            }
             if !self.uvs(&path, mesh) {
                 continue;
             }
@@ -134,7 +161,7 @@ impl Author<'_, '_> {
         let mut placed: Points = BTreeMap::new();
         for (&prim, items) in points {
             let mut kept = Vec::with_capacity(items.len());
-            for &(index, surface) in items {
+            for &(index, surface) in items.iter().filter(|(_, surface)| self.baked.atlas.is_shown(*surface)) {
                 if self.uvs(prim, self.baked.scene.surfaces[surface].mesh) {
                     kept.push((index, surface));
                 }

@@ -80,6 +80,16 @@ impl Source<'_> {
         Ok(doc.push("meshes", json!({ "name": self.mesh.name, "primitives": primitives })))
     }
 
+    /// Appends the mesh without anything of the bake; returns its index.
+    ///
+    /// # Errors
+    /// Those of materials.
+    pub fn write_plain(&self, doc: &mut Document, materials: &mut Materials, warnings: &mut Warnings) -> Result<usize> {
+        let corners = vec![[[0.0; 2]; 3]; self.mesh.triangles.len()];
+        let class = |t: usize| (self.mesh.triangle_material[t], false);
+        self.write(doc, materials, &corners, class, |_, _| Attributes::new(), warnings)
+    }
+
     fn position(&self, vertex: usize) -> Vec3 {
         let p = self.mesh.positions[vertex];
         self.transform.map_or(p, |t| t.transform_point3(p))

@@ -14,7 +14,7 @@ use crate::write::Baked;
 use glam::{Affine3A, Vec3A};
 use material::Materials;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The number of the lightmap's UV set.
 const LIGHTMAP_SET: usize = 1;
@@ -27,6 +27,8 @@ pub fn build(baked: &Baked, lights: Option<&[SurfaceLight]>, warnings: &mut Warn
     let scene = baked.scene;
     let mut doc = Document::empty("the scene".into());
     let mut materials = Materials::new(scene, lights.is_none().then_some(LIGHTMAP_SET));
+    let shown = scene.surfaces.iter().enumerate().filter(|(i, _)| baked.atlas.is_shown(*i));
+    let has_uvs: BTreeSet<usize> = shown.map(|(_, surface)| surface.mesh).collect();
     // Meshes that surfaces share, by index in the scene.
     let mut shared: BTreeMap<usize, usize> = BTreeMap::new();
     let mut nodes: Vec<Value> = Vec::new();
@@ -38,6 +40,10 @@ pub fn build(baked: &Baked, lights: Option<&[SurfaceLight]>, warnings: &mut Warn
             _ => {
                 let source = mesh::Source { mesh: &scene.meshes[surface.mesh], transform };
                 let mesh = match lights {
+                    Some(_) if !surface.role.receives => source.write_plain(&mut doc, &mut materials, warnings)?,
+                    None if !has_uvs.contains(&surface.mesh) => {
+                        source.write_plain(&mut doc, &mut materials, warnings)?
+                    }
                     None => {
                         let uvs = &baked.atlas.meshes[surface.mesh].corners;
                         let corners: Vec<_> = uvs.iter().map(|c| c.map(|uv| uv.to_array())).collect();
@@ -59,7 +65,7 @@ pub fn build(baked: &Baked, lights: Option<&[SurfaceLight]>, warnings: &mut Warn
         };
         node["mesh"] = mesh.into();
         let node = doc.push("nodes", node);
-        if lights.is_none() {
+        if lights.is_none() && baked.atlas.is_shown(i) {
             extras::write_placement(&mut doc, node, &baked.atlas.placements[i], LIGHTMAP_SET)?;
         }
         nodes.push(node.into());
