@@ -40,6 +40,8 @@ pub struct Layout {
     pub pages: Vec<[u32; 2]>,
     /// Texels per metre.
     pub density: f64,
+    /// Empty texels between charts: those asked for, or as many as there is room for.
+    pub padding: u32,
     /// By mesh.
     pub sized: Vec<Sized>,
     /// The page of each surface, and the slots of its mesh's pieces.
@@ -67,16 +69,57 @@ enum Overflow {
     Surface(usize),
 }
 
-/// Finds density and places as `params` ask for.
+/// Finds density and places as `params` ask for. Where charts of the least size, a texel each, don't fit with the padding
+/// between them, there is less of it, down to none, with a warning.
 ///
 /// # Errors
-/// `Invalid` where nothing fits at any density; `Cancelled`.
+/// `Invalid` where nothing fits at any density and padding; `Cancelled`.
 pub fn layout(
     subject: &Subject,
     params: &UnwrapParams,
     warnings: &mut Warnings,
     progress: &dyn Progress,
 ) -> Result<Layout> {
+    let mut padding = params.padding;
+    loop {
+        let params = UnwrapParams { padding, ..params.clone() };
+        if let Some(layout) = lay_out(subject, &params, warnings, progress)? {
+            return Ok(layout);
+        }
+        if padding == 0 {
+            return Err(no_room(subject, &params));
+        }
+        padding /= 2;
+        let effect = match padding {
+            0 => "charts touch, and a filter that reads between texels mixes them",
+            _ => "coarse mip levels of the lightmap mix charts",
+        };
+        let message = format!(
+            "{} charts don't fit with {} texels between them; the padding was lowered to {padding}: {effect}; allow \
+             more or larger pages",
+            least_pieces(subject),
+            params.padding
+        );
+        warnings.add("unwrap", message);
+    }
+}
+
+/// The layout with the padding of `params`; `None` where nothing fits at any density.
+fn lay_out(
+    subject: &Subject,
+    params: &UnwrapParams,
+    warnings: &mut Warnings,
+    progress: &dyn Progress,
+) -> Result<Option<Layout>> {
+    let pages = match params.density {
+        Density::FillPage(side) => f64::from(side).powi(2),
+        _ => f64::from(params.page_size).powi(2) * f64::from(params.max_pages),
+    };
+    // A chart of one texel, with its share of the padding.
+    let least = f64::from(1 + params.padding).powi(2) * least_pieces(subject) as f64;
+    if least > pages {
+        return Ok(None);
+    }
     match params.density {
         Density::FillPage(side) => fill(subject, side, params.padding, progress),
         Density::TexelsPerMetre(density) => spread(subject, f64::from(density), params, warnings, progress),
@@ -87,14 +130,36 @@ pub fn layout(
     }
 }
 
+/// Charts of all surfaces: each takes a texel at least.
+fn least_pieces(subject: &Subject) -> usize {
+    let charts = |mesh: usize| match &subject.contents[mesh] {
+        Content::Charts(charts) | Content::Shared(charts) => charts.len(),
+        Content::Authored { .. } => 1,
+        Content::Unused => 0,
+    };
+    subject.meshes.iter().map(|&mesh| charts(mesh)).sum()
+}
+
+fn no_room(subject: &Subject, params: &UnwrapParams) -> Error {
+    let pages = match params.density {
+        Density::FillPage(side) => format!("a page of {side} x {side} texels"),
+        _ => format!("{} page(s) of {} texels", params.max_pages, params.page_size),
+    };
+    let message = format!(
+        "{} charts don't fit {pages} at any density, even without padding; ask for more or larger pages",
+        least_pieces(subject)
+    );
+    Error::invalid("unwrap", message)
+}
+
 /// Packing trials of [`fill`] once some density fits.
 const TRIALS: usize = 7;
 
 /// Up to this many pieces, a page that one order overfills is tried with another.
 const FEW: usize = 500;
 
-/// One page of `side` squared, filled as well as bisection finds.
-fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> Result<Layout> {
+/// One page of `side` squared, filled as well as bisection finds; `None` where nothing fits.
+fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> Result<Option<Layout>> {
     let all: Vec<usize> = (0..subject.meshes.len()).collect();
     let caps = caps(subject, side, padding);
     let attempt = |density: f64| -> Result<Option<Layout>> {
@@ -111,7 +176,7 @@ fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> 
             let mut page = Page::new([side, side], padding, padding);
             if let Some(slots) = place_surfaces(subject, &sized, &all, &mut page, order, progress)? {
                 let surfaces = slots.into_iter().map(|s| (0, s)).collect();
-                return Ok(Some(Layout { pages: vec![[side, side]], density, sized, surfaces }));
+                return Ok(Some(Layout { pages: vec![[side, side]], density, padding, sized, surfaces }));
             }
         }
         Ok(None)
@@ -127,12 +192,7 @@ fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> 
         }
         (high, low) = (low, 0.8 * low);
     }
-    let Some(mut best) = best else {
-        return Err(Error::invalid(
-            "unwrap",
-            format!("the charts don't fit a page of {side} x {side} texels at any density; ask for a larger page"),
-        ));
-    };
+    let Some(mut best) = best else { return Ok(None) };
     for _ in 0..TRIALS {
         let middle = (low * high).sqrt();
         match attempt(middle)? {
@@ -140,17 +200,17 @@ fn fill(subject: &Subject, side: u32, padding: u32, progress: &dyn Progress) -> 
             None => high = middle,
         }
     }
-    Ok(best)
+    Ok(Some(best))
 }
 
-/// As many pages as `density` needs.
+/// As many pages as `density` needs; `None` where nothing fits.
 fn spread(
     subject: &Subject,
     density: f64,
     params: &UnwrapParams,
     warnings: &mut Warnings,
     progress: &dyn Progress,
-) -> Result<Layout> {
+) -> Result<Option<Layout>> {
     let mut caps = caps(subject, params.page_size, params.padding);
     let page_area = f64::from(params.page_size).powi(2);
     let mut lowered = density;
@@ -178,7 +238,8 @@ fn spread(
                         "the surface is larger than a page at this density; its own density was lowered",
                     );
                 }
-                return Ok(Layout { pages, density: lowered, sized, surfaces });
+                let padding = params.padding;
+                return Ok(Some(Layout { pages, density: lowered, padding, sized, surfaces }));
             }
             Err(Overflow::Pages(ratio)) => lowered *= ratio.sqrt().recip().clamp(0.5, 0.93),
             Err(Overflow::Surface(surface)) => {
@@ -188,13 +249,7 @@ fn spread(
             }
         }
     }
-    Err(Error::invalid(
-        "unwrap",
-        format!(
-            "the charts don't fit {} page(s) of {} texels at any density; allow more or larger pages",
-            params.max_pages, params.page_size
-        ),
-    ))
+    Ok(None)
 }
 
 type Places = (Vec<[u32; 2]>, Vec<(u32, Vec<Slot>)>);
