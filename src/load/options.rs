@@ -1,5 +1,7 @@
 //! What a loader is asked for beside the file.
 
+use std::path::PathBuf;
+
 /// How a scene file is read. The default is the file as it stands.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
@@ -16,6 +18,15 @@ pub struct LoadOptions {
     pub subdivide: u32,
     /// USD's purposes that are drawn beside the default one; none: render.
     pub purpose: Vec<Purpose>,
+    /// Folder that the scene and everything it pulls in must lie in, symbolic links resolved; none: glTF keeps to the scene's
+    /// own folder, USD reads from anywhere.
+    pub confine: Option<PathBuf>,
+    /// Texels of a picture, at most; none: [`super::image::MOST_TEXELS`].
+    pub max_texture: Option<u64>,
+    /// Memory of all decoded pictures, at most [bytes]; none: no limit.
+    pub max_memory: Option<u64>,
+    /// Input that is missing or can't be read is an error in place of a warning.
+    pub strict: bool,
 }
 
 /// What a part of a USD scene is for.

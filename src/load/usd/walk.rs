@@ -7,6 +7,7 @@ use super::skel::Skeletons;
 use super::surface::{MeshKey, ShiningKey};
 use super::{light, shape, xform};
 use crate::error::Warnings;
+use crate::load::access::Access;
 use crate::load::options::{LoadOptions, Purpose};
 use crate::scene::{Scene, Surface, SurfaceOrigin};
 use glam::{Affine3A, DMat4, Vec3};
@@ -112,7 +113,7 @@ pub struct Output {
 }
 
 impl Walk {
-    pub fn new(stage: Stage, options: &LoadOptions) -> Self {
+    pub fn new(stage: Stage, options: &LoadOptions, access: &Access) -> Self {
         let mut warnings = Reading { time: options.time.map(TimeCode::new), warnings: Warnings::default() };
         let metadata = |field: &str| stage.stage_metadata(field).ok().flatten();
         let authored = metadata("metersPerUnit").and_then(read::to_float).map_or(0.01, f64::from);
@@ -128,7 +129,7 @@ impl Walk {
             stage,
             scene: Scene::default(),
             warnings,
-            materials: Materials::default(),
+            materials: Materials::new(access),
             skeletons: Skeletons::default(),
             subdivide: options.subdivide,
             purposes: options.purposes(),
