@@ -23,7 +23,7 @@ const MOST_RATIO: u64 = 255;
 
 /// Memory that the reader takes for each entry of a section beside what it is read from [bytes], about.
 const ENTRY_BYTES: [(&[u8], u64); 5] =
-    [(b"FIELDS", 32), (b"FIELDSETS", 24), (b"PATHS", 64), (b"SPECS", 192), (b"STRINGS", 12)];
+    [(b"FIELDS", 32), (b"FIELDSETS", 24), (b"PATHS", 64), (b"SPECS", 384), (b"STRINGS", 12)];
 const TOKEN_BYTES: u64 = 48;
 
 /// Refuses a crate whose tables or arrays are larger than can be meant. What isn't sound otherwise is left to the reader.

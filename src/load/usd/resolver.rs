@@ -14,7 +14,10 @@ const MOST_ENTRIES: u64 = 1 << 17;
 /// Brackets within each other in a text layer, at most: the parser recurses, and a stage of that depth can't be composed.
 const MOST_NESTING: usize = 4096;
 
-/// Text layers larger than this are refused [bytes]: the parser takes tens of times their size.
+/// Braces that open in a text layer, at most: each stands for a prim, which takes about 3 KB once it is composed.
+const MOST_BRACES: usize = 1 << 20;
+
+/// Text layers larger than this are refused [bytes]: the parser takes several times their size.
 const MOST_TEXT: usize = 512 << 20;
 
 /// openusd's own resolver behind the checks. Clones share what they opened.
@@ -113,33 +116,39 @@ fn check_layer(bytes: &[u8]) -> Result<(), String> {
     if bytes.len() > MOST_TEXT {
         return Err(format!("has {} bytes of text; write it as usdc (usdcat -o scene.usdc)", bytes.len()));
     }
-    match nesting(bytes) > MOST_NESTING {
-        true => Err(format!("nests brackets more than {MOST_NESTING} deep, which no scene needs")),
-        false => Ok(()),
+    let (depth, braces) = nesting(bytes);
+    if depth > MOST_NESTING {
+        return Err(format!("nests brackets more than {MOST_NESTING} deep, which no scene needs"));
     }
+    if braces > MOST_BRACES {
+        return Err(format!("opens {braces} braces, more than {MOST_BRACES}; split the layer, or place copies by instances"));
+    }
+    Ok(())
 }
 
-/// How deep the brackets of a text layer lie within each other, those in strings and comments left out.
-fn nesting(text: &[u8]) -> usize {
-    let (mut depth, mut most) = (0usize, 0);
+/// How deep the brackets of a text layer lie within each other, and how many braces open, those in strings and comments left
+/// out.
+fn nesting(text: &[u8]) -> (usize, usize) {
+    let (mut depth, mut most, mut braces) = (0usize, 0, 0);
     let mut at = 0;
     while let Some(&byte) = text.get(at) {
         match byte {
             b'{' | b'[' | b'(' => {
                 depth += 1;
                 most = most.max(depth);
+                braces += usize::from(byte == b'{');
             }
             b'}' | b']' | b')' => depth = depth.saturating_sub(1),
             b'#' => at += text[at..].iter().position(|b| *b == b'\n').unwrap_or(text.len() - at),
-            b'"' | b'\'' => at = end_of_string(text, at),
+            b'"' | b'\'' | b'@' => at = end_of_string(text, at),
             _ => {}
         }
         at += 1;
     }
-    most
+    (most, braces)
 }
 
-/// Where the string that begins at `at` has its last quote.
+/// Where the string or asset path that begins at `at` has its last quote.
 fn end_of_string(text: &[u8], at: usize) -> usize {
     let quote = text[at];
     let width = if text[at..].starts_with(&[quote; 3]) { 3 } else { 1 };
@@ -189,10 +198,11 @@ mod tests {
 
     #[test]
     fn brackets_in_strings_and_comments_do_not_nest() {
-        assert_eq!(nesting(b"def \"a\" { b = [(1, 2)] }"), 3);
-        assert_eq!(nesting(b"\"{{{\" '[[' \"\"\"((\n((\"\"\" # {{{\n {"), 1);
-        assert_eq!(nesting(b"\"a\\\"{{\" ("), 1);
-        assert_eq!(nesting(b"} } {"), 1);
-        assert_eq!(nesting("(".repeat(70).as_bytes()), 70);
+        assert_eq!(nesting(b"def \"a\" { b = [(1, 2)] } {"), (3, 2));
+        assert_eq!(nesting(b"\"{{{\" '[[' \"\"\"((\n((\"\"\" # {{{\n {"), (1, 1));
+        assert_eq!(nesting(b"\"a\\\"{{\" ("), (1, 0));
+        assert_eq!(nesting(b"} } {"), (1, 1));
+        assert_eq!(nesting(b"@a#b@ (("), (2, 0));
+        assert_eq!(nesting("(".repeat(70).as_bytes()), (70, 0));
     }
 }
