@@ -294,7 +294,7 @@ mod tests {
                     --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --time 1.5 --sky 1,2,0.1 --sun 40,180,8e4 \
                     --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather none --layers direct --watch w \
-                    --watch-every 3 --time 1.5 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
+                    --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
                     --strict --max-texture 9 --max-texels 9 --max-memory 4G";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(

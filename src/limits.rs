@@ -1,7 +1,8 @@
 //! Refuses bakes that would be larger than was allowed, before the work begins.
 //!
-//! The estimate of memory is what the process holds once the scene is loaded, and what texels and triangles take on top of
-//! it by the figures that `tests/memory.rs` holds. It is an estimate: the light of a scene decides how many links there are.
+//! The estimate of memory is what the process holds once the scene is loaded, and what texels and triangles take on top
+//! of it by the figures that `tests/memory.rs` holds. It is an estimate: the light of a scene decides how many links
+//! there are.
 
 use crate::error::{Error, Result};
 use crate::inspect;
@@ -10,8 +11,8 @@ use crate::report::peak_memory;
 use crate::settings::{Gather, Settings};
 use crate::unwrap::Atlas;
 
-/// Memory of a texel [bytes], and that of its links at an error of 1 %, which grows with the reciprocal of the error. Measured on the
-/// Cornell box: 228 in all at 5 %, 280 at 2 %, 437 at 1 %.
+/// Memory of a texel [bytes], and that of its links at an error of 1 %, which grows with the reciprocal of the error.
+/// Measured on the Cornell box: 228 in all at 5 %, 280 at 2 %, 437 at 1 %.
 const TEXEL_BYTES: f64 = 165.0;
 const LINK_BYTES: f64 = 300.0;
 

@@ -315,8 +315,12 @@ fn baking_the_output_again_replaces_its_extras() {
     let mesh = &mut bake.scene.meshes[0];
     // The loader would find the copied vertices.
     mesh.origin[1].corners = [4, 5, 3];
-    bake.source =
-        Source::Gltf(GltfSource { path: "square.glb".into(), json: first.json, buffers: vec![first.bin.clone()], access: Access::default() });
+    bake.source = Source::Gltf(GltfSource {
+        path: "square.glb".into(),
+        json: first.json,
+        buffers: vec![first.bin.clone()],
+        access: Access::default(),
+    });
     bake.atlas.placements.swap(0, 1);
     let again = bake.write(GltfProfile::Engine);
     assert_eq!(again.json["nodes"][0]["extras"]["lumel"]["offset"], json!([0.6, 0.125]));

@@ -1,9 +1,9 @@
 //! Which files a scene may pull in, and how much memory their contents may take.
 //!
-//! A scene may come from anywhere. What it names must be a regular file (a pipe or a device never ends), of a size that is
-//! read at once, and, symbolic links resolved, lie in the folder that it is confined to: that of [`LoadOptions::confine`],
-//! or else, for glTF, the scene's own. A USD stage refers to layers in other folders by design, so it is confined only
-//! where that is asked for. Pictures are measured before they are decoded.
+//! A scene may come from anywhere. What it names must be a regular file (a pipe or a device never ends), of a size that
+//! is read at once, and, symbolic links resolved, lie in the folder that it is confined to: that of
+//! [`LoadOptions::confine`], or else, for glTF, the scene's own. A USD stage refers to layers in other folders by
+//! design, so it is confined only where that is asked for. Pictures are measured before they are decoded.
 //!
 //! The check and the reading that follows are two steps: whoever can swap a link between them can escape. Confine to a
 //! folder that no one else writes to.
@@ -55,8 +55,8 @@ impl Default for Access {
 }
 
 impl Access {
-    /// The access of the scene file `scene`, which is checked itself. `in_own_folder`: without a folder to confine it to, the
-    /// scene keeps to its own.
+    /// The access of the scene file `scene`, which is checked itself. `in_own_folder`: without a folder to confine it
+    /// to, the scene keeps to its own.
     ///
     /// # Errors
     /// `Io` where a folder can't be resolved, `Invalid` where the scene lies outside of what it is confined to.

@@ -37,8 +37,8 @@ pub enum ColorSpace {
 }
 
 /// Decodes the picture in `bytes`, whose format is told by its content (by `name`'s extension where the content has no
-/// mark). Grey pictures come out as RGB, and alpha is 1 where there is none. Float texels that are NaN become 0, infinite
-/// ones the largest half float, so that one bad texel can't fill a bake.
+/// mark). Grey pictures come out as RGB, and alpha is 1 where there is none. Float texels that are NaN become 0,
+/// infinite ones the largest half float, so that one bad texel can't fill a bake.
 ///
 /// # Errors
 /// `Invalid` naming `name` where the picture is broken or larger than [`MAX_SIDE`]; `Unsupported` for other formats.
@@ -60,7 +60,8 @@ pub fn measure(name: &str, bytes: &[u8], most: u64) -> Result<u64> {
     let (width, height) = decoder.dimensions();
     let count = u64::from(width) * u64::from(height);
     if count > most {
-        let message = format!("has {width} x {height} texels, more than {most}; make it smaller, or raise --max-texture");
+        let message =
+            format!("has {width} x {height} texels, more than {most}; make it smaller, or raise --max-texture");
         return Err(Error::invalid(name, message));
     }
     let color = decoder.color_type();

@@ -5,21 +5,21 @@ use std::path::PathBuf;
 /// How a scene file is read. The default is the file as it stands.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
-    /// The moment that moving parts are read at: seconds in glTF, a time code in USD. None: at rest in glTF, the default
-    /// time in USD.
+    /// The moment that moving parts are read at: seconds in glTF, a time code in USD. None: at rest in glTF, the
+    /// default time in USD.
     pub time: Option<f64>,
-    /// glTF: name of the animation that is read, or its number from 0; none: the first one, where there is a `time`. With a name alone the time
-    /// is 0.
+    /// glTF: name of the animation that is read, or its number from 0; none: the first one, where there is a `time`.
+    /// With a name alone the time is 0.
     pub animation: Option<String>,
-    /// What is chosen of what the file offers in several forms. glTF: names of KHR_materials_variants, of which a later one
-    /// goes before an earlier one. USD: `PRIM:SET=NAME`.
+    /// What is chosen of what the file offers in several forms. glTF: names of KHR_materials_variants, of which a later
+    /// one goes before an earlier one. USD: `PRIM:SET=NAME`.
     pub variants: Vec<String>,
     /// Levels that USD's subdivision surfaces are refined to; 0: their control cages.
     pub subdivide: u32,
     /// USD's purposes that are drawn beside the default one; none: render.
     pub purpose: Vec<Purpose>,
-    /// Folder that the scene and everything it pulls in must lie in, symbolic links resolved; none: glTF keeps to the scene's
-    /// own folder, USD reads from anywhere.
+    /// Folder that the scene and everything it pulls in must lie in, symbolic links resolved; none: glTF keeps to the
+    /// scene's own folder, USD reads from anywhere.
     pub confine: Option<PathBuf>,
     /// Texels of a picture, at most; none: [`super::image::MOST_TEXELS`].
     pub max_texture: Option<u64>,

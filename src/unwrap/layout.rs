@@ -69,8 +69,8 @@ enum Overflow {
     Surface(usize),
 }
 
-/// Finds density and places as `params` ask for. Where charts of the least size, a texel each, don't fit with the padding
-/// between them, there is less of it, down to none, with a warning.
+/// Finds density and places as `params` ask for. Where charts of the least size, a texel each, don't fit with the
+/// padding between them, there is less of it, down to none, with a warning.
 ///
 /// # Errors
 /// `Invalid` where nothing fits at any density and padding; `Cancelled`.
@@ -350,7 +350,8 @@ fn page_sizes(largest: u32) -> impl Iterator<Item = [u32; 2]> {
     sizes.into_iter()
 }
 
-/// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than it.
+/// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than
+/// it.
 fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
     let side = f64::from(side.saturating_sub(2 * padding).max(1));
     let cap = |sizes: &mut dyn Iterator<Item = DVec2>| {

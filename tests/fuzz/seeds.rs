@@ -86,7 +86,8 @@ fn textured() -> Vec<u8> {
     let mut b = Builder::default();
     let (positions, indices) = (b.floats(&TRIANGLE), b.indices(&[0, 1, 2]));
     let uvs = b.view(&[0, 0, 0, 0, 255, 255, 0, 0, 0, 0, 255, 255], None);
-    let uvs = b.accessor(json!({ "bufferView": uvs, "componentType": 5123, "normalized": true, "count": 3, "type": "VEC2" }));
+    let uvs =
+        b.accessor(json!({ "bufferView": uvs, "componentType": 5123, "normalized": true, "count": 3, "type": "VEC2" }));
     let moved = b.view(&[1.5f32.to_le_bytes(); 3].concat(), None);
     let which = b.view(&[1, 0, 0, 0], None);
     let sparse = json!({

@@ -1,9 +1,9 @@
 //! What a binary USD file (usdc, "crate") claims to hold, looked at before the openusd crate takes memory for it.
 //!
-//! The crate checks plain counts against the file's length, but compressed ones can't be: LZ4 gives up to 255 bytes a byte, and
-//! four integers of a sequence take one of those, so that a megabyte of file stands for gigabytes. The tables of the
-//! structural sections and the compressed arrays that fields point to are added up here; values within time samples and
-//! dictionaries are not, but each of them is bounded by the reader alone (4 GiB a block).
+//! The crate checks plain counts against the file's length, but compressed ones can't be: LZ4 gives up to 255 bytes a
+//! byte, and four integers of a sequence take one of those, so that a megabyte of file stands for gigabytes. The tables
+//! of the structural sections and the compressed arrays that fields point to are added up here; values within time
+//! samples and dictionaries are not, but each of them is bounded by the reader alone (4 GiB a block).
 //!
 //! Layout: OpenUSD's crateFile.h, and sections 16.3.8 and following of the USD Core Specification 1.0.1.
 
@@ -26,7 +26,8 @@ const ENTRY_BYTES: [(&[u8], u64); 5] =
     [(b"FIELDS", 32), (b"FIELDSETS", 24), (b"PATHS", 64), (b"SPECS", 384), (b"STRINGS", 12)];
 const TOKEN_BYTES: u64 = 48;
 
-/// Refuses a crate whose tables or arrays are larger than can be meant. What isn't sound otherwise is left to the reader.
+/// Refuses a crate whose tables or arrays are larger than can be meant. What isn't sound otherwise is left to the
+/// reader.
 ///
 /// # Errors
 /// What is too large, as a message.
@@ -75,7 +76,10 @@ fn sections(bytes: &[u8]) -> Option<Vec<(Vec<u8>, u64)>> {
     let count = word(bytes, table)?;
     let rows = bytes.get(usize::try_from(table).ok()?.checked_add(8)?..)?.chunks_exact(SIZE);
     let rows = rows.take(usize::try_from(count).ok()?);
-    Some(rows.filter_map(|row| Some((row[..NAME].split(|b| *b == 0).next()?.to_vec(), word(row, NAME as u64)?))).collect())
+    Some(
+        rows.filter_map(|row| Some((row[..NAME].split(|b| *b == 0).next()?.to_vec(), word(row, NAME as u64)?)))
+            .collect(),
+    )
 }
 
 /// The compressed block whose size stands at `at`, and where what follows it begins.

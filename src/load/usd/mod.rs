@@ -120,7 +120,10 @@ fn report(error: &pcp::CompositionDiagnostic, warnings: &mut crate::error::Warni
     use pcp::CompositionDiagnostic as D;
     match error {
         D::UnresolvedLayer { asset_path, site_path, arc, .. } => {
-            warnings.add_missing(format!("{site_path}: {asset_path}"), format!("a {arc:?} names a file that was not found"));
+            warnings.add_missing(
+                format!("{site_path}: {asset_path}"),
+                format!("a {arc:?} names a file that was not found"),
+            );
         }
         D::MalformedLayer { asset_path, site_path, arc, reason, .. } => {
             let place = format!("{site_path}: {asset_path}: {reason}");

@@ -11,7 +11,8 @@ use std::time::SystemTime;
 /// Entries of a package, at most: its directory takes several times its size.
 const MOST_ENTRIES: u64 = 1 << 17;
 
-/// Brackets within each other in a text layer, at most: the parser recurses, and a stage of that depth can't be composed.
+/// Brackets within each other in a text layer, at most: the parser recurses, and a stage of that depth can't be
+/// composed.
 const MOST_NESTING: usize = 4096;
 
 /// Braces that open in a text layer, at most: each stands for a prim, which takes about 3 KB once it is composed.
@@ -121,13 +122,15 @@ fn check_layer(bytes: &[u8]) -> Result<(), String> {
         return Err(format!("nests brackets more than {MOST_NESTING} deep, which no scene needs"));
     }
     if braces > MOST_BRACES {
-        return Err(format!("opens {braces} braces, more than {MOST_BRACES}; split the layer, or place copies by instances"));
+        return Err(format!(
+            "opens {braces} braces, more than {MOST_BRACES}; split the layer, or place copies by instances"
+        ));
     }
     Ok(())
 }
 
-/// How deep the brackets of a text layer lie within each other, and how many braces open, those in strings and comments left
-/// out.
+/// How deep the brackets of a text layer lie within each other, and how many braces open, those in strings and comments
+/// left out.
 fn nesting(text: &[u8]) -> (usize, usize) {
     let (mut depth, mut most, mut braces) = (0usize, 0, 0);
     let mut at = 0;

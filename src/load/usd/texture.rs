@@ -139,11 +139,10 @@ impl Textures {
             return known;
         }
         let access = &self.access;
-        let decoded = self
-            .resolver
-            .read(resolved)
-            .map_err(|error| error.to_string())
-            .and_then(|bytes| access.decode(resolved_name(resolved), &bytes, space).map_err(|error| error.to_string()));
+        let decoded =
+            self.resolver.read(resolved).map_err(|error| error.to_string()).and_then(|bytes| {
+                access.decode(resolved_name(resolved), &bytes, space).map_err(|error| error.to_string())
+            });
         let index = match decoded {
             Ok(mut texture) => {
                 texture.name = resolved.to_owned();
@@ -152,7 +151,8 @@ impl Textures {
                 Some(self.textures.len() - 1)
             }
             Err(error) => {
-                warnings.add_missing(format!("{}: {name}", prim.path()), format!("a texture could not be read: {error}"));
+                warnings
+                    .add_missing(format!("{}: {name}", prim.path()), format!("a texture could not be read: {error}"));
                 None
             }
         };
