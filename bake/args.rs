@@ -34,7 +34,7 @@ pub enum Command {
     /// Make lightmap UVs only
     Unwrap(Box<UnwrapArgs>),
     /// Show what a bake would see: surfaces, areas [m^2], lights with units, texels, warnings
-    Inspect(InspectArgs),
+    Inspect(Box<InspectArgs>),
     /// Write the matrix of form factors (view factors) of a small scene as NPZ, and print those between its surfaces
     ///
     /// For heat transfer as much as for light; the scene needs no light. numpy.load reads the file: form_factors (n, n), error
