@@ -34,7 +34,7 @@ pub enum Command {
     /// Make lightmap UVs only
     Unwrap(Box<UnwrapArgs>),
     /// Show what a bake would see: surfaces with roles, areas [m^2] and densities, lights with units, texels, warnings
-    Inspect(InspectArgs),
+    Inspect(Box<InspectArgs>),
     /// Write the matrix of form factors (view factors) of a small scene as NPZ, and print those between its surfaces
     ///
     /// For heat transfer as much as for light; the scene needs no light. numpy.load reads the file: form_factors (n, n), error
@@ -225,6 +225,32 @@ pub struct SceneArgs {
     /// USD's purposes to draw beside what has none, separated by commas: default, render, proxy, guide [default: render]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["default", "render", "proxy", "guide"]))]
     pub purpose: Option<Vec<String>>,
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub limits: LimitArgs,
+}
+
+/// What a scene may pull in and take: for scenes from anywhere.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Limits")]
+#[serde(rename_all = "kebab-case")]
+pub struct LimitArgs {
+    /// Refuse a scene that reads anything outside of this folder, symbolic links resolved: buffers, pictures, layers, assets,
+    /// profiles, and what a lumel.toml beside it names [default: glTF keeps to its own folder, USD reads from anywhere]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub confine: Option<PathBuf>,
+    /// Fail where input is missing or can't be read, in place of a warning [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub strict: Option<bool>,
+    /// Largest picture, width times height [texels; 1..268435456; default: 268435456]
+    #[arg(long, value_name = "N")]
+    pub max_texture: Option<u64>,
+    /// Refuse a bake of more texels than this [default: no limit]
+    #[arg(long, value_name = "N")]
+    pub max_texels: Option<u64>,
+    /// Refuse a bake that would take more memory than this, by an estimate: 4G, 512M [bytes; default: no limit]
+    #[arg(long, value_name = "BYTES")]
+    pub max_memory: Option<String>,
 }
 
 /// How many texels, on which pages.

@@ -15,7 +15,10 @@ use toml::{Table, Value};
 const FILE_NAME: &str = "lumel.toml";
 
 /// Keys that hold paths; relative ones are relative to the file in which they stand.
-const PATH_KEYS: [&str; 3] = ["environment", "dump-stages", "watch"];
+const PATH_KEYS: [&str; 4] = ["environment", "dump-stages", "watch", "confine"];
+
+/// Largest settings file [bytes].
+const MOST_BYTES: u64 = 1 << 20;
 
 /// Keys about the radiosity solver.
 const SOLVER_KEYS: [&str; 11] = [
@@ -135,13 +138,46 @@ pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
         Some(path) => read(path).map_err(Failure::Usage)?,
         None => Table::new(),
     };
-    let settings = args.table().and_then(|typed| settle(lower, typed)).map_err(Failure::Usage)?;
+    let typed = args.table().map_err(Failure::Usage)?;
+    if let (Some(path), Some(folder)) = (&file, &scene.limits.confine) {
+        confine(path, &lower, folder).map_err(Failure::Usage)?;
+    }
+    let settings = settle(lower, typed).map_err(Failure::Usage)?;
     Ok(Resolved { settings, file })
+}
+
+/// Refuses a config file that lies outside of `folder`, or names paths there: it may have come with the scene, and says
+/// nothing about what it is confined to.
+fn confine(path: &Path, table: &Table, folder: &Path) -> Result<()> {
+    let root = folder.canonicalize().map_err(|e| Error::io(folder, e))?;
+    let projectors = table.get("projectors").and_then(Value::as_array).into_iter().flatten();
+    let pictures = projectors.filter_map(|p| p.get("picture"));
+    let own = PATH_KEYS.iter().filter(|key| **key != "confine").filter_map(|key| table.get(*key));
+    let named = own.chain(pictures).filter_map(Value::as_str).map(Path::new);
+    for named in named.chain([path]) {
+        // What isn't there yet lies where its closest folder does.
+        let there = named.ancestors().find_map(|p| if p.as_os_str().is_empty() { None } else { p.canonicalize().ok() });
+        let climbs = named.components().any(|c| c == std::path::Component::ParentDir) && !named.exists();
+        if climbs || !there.is_some_and(|p| p.starts_with(&root)) {
+            let message = format!("names {}, which lies outside of {} (--confine)", named.display(), folder.display());
+            return Err(Error::invalid(path.display(), message));
+        }
+    }
+    Ok(())
+}
+
+/// The text of a config file.
+fn text_of(path: &Path) -> Result<String> {
+    let found = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    if !found.is_file() || found.len() > MOST_BYTES {
+        return Err(Error::invalid(path.display(), format!("is no settings file of up to {MOST_BYTES} bytes")));
+    }
+    std::fs::read_to_string(path).map_err(|e| Error::io(path, e))
 }
 
 /// Reads and checks a config file on its own, so that a mistake in it is found at its line.
 fn read(path: &Path) -> Result<Table> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    let text = text_of(path)?;
     let mut table = parse(&text, path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     for key in PATH_KEYS {
@@ -258,7 +294,8 @@ mod tests {
                     --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --sky 1,2,0.1 --sun 40,180,8e4 \
                     --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather none --layers direct --watch w \
-                    --watch-every 3 --time 1.5 --variant /a:b=c --subdivide 1 --purpose proxy";
+                    --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
+                    --strict --max-texture 9 --max-texels 9 --max-memory 4G";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
             typed(
@@ -278,6 +315,7 @@ mod tests {
         assert_eq!(s.sky, Some(SkySetting::Constant([1.0, 2.0, 0.1])));
         assert_eq!(s.gltf.as_deref(), Some([GltfProfile::Engine, GltfProfile::Vertex].as_slice()));
         assert_eq!(s.threads, Some(2));
+        assert_eq!((s.max_memory, s.strict), (Some(4 << 30), true));
     }
 
     #[test]

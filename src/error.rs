@@ -67,6 +67,9 @@ pub struct Warning {
     pub places: Vec<String>,
     /// How often it was met in all.
     pub count: usize,
+    /// It is about input that is missing or can't be read.
+    #[serde(skip)]
+    pub is_missing: bool,
 }
 
 /// The warnings of a run, equal messages counted together in the order of their first appearance.
@@ -80,11 +83,20 @@ impl Warnings {
 
     /// Counts `message` at `place`.
     pub fn add(&mut self, place: impl fmt::Display, message: impl fmt::Display) {
+        self.count(place, message, false);
+    }
+
+    /// Counts `message` at `place`, where input is missing or can't be read.
+    pub fn add_missing(&mut self, place: impl fmt::Display, message: impl fmt::Display) {
+        self.count(place, message, true);
+    }
+
+    fn count(&mut self, place: impl fmt::Display, message: impl fmt::Display, is_missing: bool) {
         let message = message.to_string();
         let warning = match self.0.iter_mut().position(|w| w.message == message) {
             Some(i) => &mut self.0[i],
             None => {
-                self.0.push(Warning { message, places: Vec::new(), count: 0 });
+                self.0.push(Warning { message, places: Vec::new(), count: 0, is_missing });
                 self.0.last_mut().expect("just pushed")
             }
         };

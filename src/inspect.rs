@@ -208,6 +208,20 @@ pub fn inspect(loaded: &Loaded, settings: &Settings) -> Inspection {
     }
 }
 
+/// Texels and pages of `scene`, about.
+pub fn estimate_of(scene: &Scene, settings: &Settings) -> Estimate {
+    let area = |surface: usize| -> f64 {
+        let count = scene.meshes[scene.surfaces[surface].mesh].triangles.len();
+        let twice = |t: usize| {
+            let [a, b, c] = scene.world_triangle(surface, t).map(|p| p.as_dvec3());
+            (b - a).cross(c - a).length()
+        };
+        0.5 * (0..count).map(twice).sum::<f64>()
+    };
+    let areas: Vec<f64> = (0..scene.surfaces.len()).into_par_iter().map(area).collect();
+    estimate(scene, &areas, settings).0
+}
+
 /// Texels and pages for surfaces of `areas` [m^2], and the density of each.
 fn estimate(scene: &Scene, areas: &[f64], settings: &Settings) -> (Estimate, Vec<f64>) {
     let params = settings.unwrap_params();

@@ -15,6 +15,7 @@ pub mod gather;
 pub mod illuminate;
 pub mod inspect;
 pub mod light;
+pub mod limits;
 pub mod load;
 pub mod patch;
 pub mod pipeline;

@@ -5,6 +5,7 @@ use crate::error::{Error, Result, Warnings};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
 use crate::inspect::doubts;
+use crate::limits;
 use crate::load::{self, Loaded};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::{Lightmap, vertex::corner_colors};
@@ -195,6 +196,7 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
     // A folder that can't be written is found out now, not after hours of work.
     Staging::new(folder)?;
     added_light::add(&mut loaded, settings)?;
+    limits::check_scene(&loaded, settings)?;
     let mut inputs = vec![Input::new(scene.to_path_buf())];
     inputs.extend(loaded.inputs.iter().filter(|p| *p != scene).cloned().map(Input::new));
     let warnings = std::mem::take(&mut loaded.warnings);
@@ -205,6 +207,7 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
 fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Report) -> Result<Atlas> {
     let (atlas, warnings): (Atlas, Warnings) = unwrap::unwrap(&loaded.scene, &settings.unwrap_params(), clock)?;
     report.warnings.extend(warnings);
+    limits::check_atlas(loaded, &atlas, settings)?;
     Ok(atlas)
 }
 

@@ -1,5 +1,6 @@
 //! What a bake is asked to do, and the presets behind it.
 
+mod bytes;
 mod check;
 mod outdoors;
 mod percent;
@@ -37,6 +38,17 @@ pub struct Settings {
     pub subdivide: u32,
     /// USD's purposes that are drawn beside the default one; none: render.
     pub purpose: Vec<Purpose>,
+    /// Folder that the scene and everything it names must lie in; none: glTF keeps to the scene's own, USD reads from anywhere.
+    pub confine: Option<PathBuf>,
+    /// Input that is missing or can't be read ends the run before it begins, in place of a warning.
+    pub strict: bool,
+    /// Texels of a picture, at most.
+    pub max_texture: Option<u64>,
+    /// Texels that a bake may have.
+    pub max_texels: Option<u64>,
+    /// Memory that a bake may take, by an estimate [bytes].
+    #[serde(deserialize_with = "bytes::read")]
+    pub max_memory: Option<u64>,
     /// Everything on one page of N x N texels.
     pub resolution: Option<u32>,
     /// Texels per metre.
@@ -290,6 +302,10 @@ impl Settings {
             subdivide: self.subdivide,
             purpose: self.purpose.clone(),
             edits: self.edits(),
+            confine: self.confine.clone(),
+            max_texture: self.max_texture,
+            max_memory: self.max_memory,
+            strict: self.strict,
         }
     }
 

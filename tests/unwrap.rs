@@ -416,10 +416,28 @@ fn many_pages_and_too_few() {
     let mut loose = atlas.clone();
     loose.density = 1e-3;
     check(&large, &loose, false);
-    // A page that can't hold the charts even at a texel each.
-    p.max_pages = 1;
-    p.page_size = 16;
-    assert!(unwrap(&scene, &p, &Silent).is_err());
+}
+
+#[test]
+fn padding_falls_before_charts_are_refused() {
+    let cubes = |count: usize| scene((0..count).map(|_| cube(Vec3::ONE)).collect());
+    for density in [Density::FillPage(16), Density::TexelsPerMetre(48.0)] {
+        let mut p = params(density);
+        (p.max_pages, p.page_size, p.padding) = (1, 16, 2);
+        // Charts of a texel each: 6 of them have room for the padding, 36 for one texel, 180 for none.
+        for (count, padding) in [(1, 2), (6, 1), (30, 0)] {
+            let scene = cubes(count);
+            let (atlas, warnings) = run(&scene, &p);
+            let mut loose = atlas.clone();
+            loose.density = 1e-3;
+            check(&scene, &loose, false);
+            assert_eq!(atlas.padding, padding, "{count} cubes");
+            assert_eq!(warnings.iter().any(|w| w.message.contains("padding was lowered")), padding < 2);
+        }
+        // More charts than texels.
+        let error = unwrap(&cubes(50), &p, &Silent).unwrap_err().to_string();
+        assert!(error.contains("300 charts"), "{error}");
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@ use glam::{Affine3A, Vec2, Vec3};
 use glb::Glb;
 use lumel::color::Rgb;
 use lumel::load::Source;
+use lumel::load::access::Access;
 use lumel::load::gltf::GltfSource;
 use lumel::load::usd::UsdSource;
 use lumel::post::vertex::CornerColors;
@@ -78,7 +79,7 @@ fn source() -> GltfSource {
         "buffers": [{ "byteLength": buffer.len(), "uri": "square.bin" }],
         "animations": [],
     });
-    GltfSource { path: PathBuf::from("square.gltf"), json, buffers: vec![buffer] }
+    GltfSource { path: PathBuf::from("square.gltf"), json, buffers: vec![buffer], access: Access::default() }
 }
 
 const SQUARE: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -316,8 +317,12 @@ fn baking_the_output_again_replaces_its_extras() {
     let mesh = &mut bake.scene.meshes[0];
     // The loader would find the copied vertices.
     mesh.origin[1].corners = [4, 5, 3];
-    bake.source =
-        Source::Gltf(GltfSource { path: "square.glb".into(), json: first.json, buffers: vec![first.bin.clone()] });
+    bake.source = Source::Gltf(GltfSource {
+        path: "square.glb".into(),
+        json: first.json,
+        buffers: vec![first.bin.clone()],
+        access: Access::default(),
+    });
     bake.atlas.placements.swap(0, 1);
     let again = bake.write(GltfProfile::Engine);
     assert_eq!(again.json["nodes"][0]["extras"]["lumel"]["offset"], json!([0.6, 0.125]));

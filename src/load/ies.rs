@@ -21,6 +21,14 @@ const MAX_CANDELAS: usize = 1 << 22;
 /// How far an angle may be off and still count as the one that a symmetry asks for [degrees].
 const CLOSE: f32 = 1e-2;
 
+/// Least step from one angle to the next [degrees]: files give hundredths, and less is lost in rounding to radians.
+const LEAST_STEP: f32 = 1e-4;
+
+/// True where angles [degrees] ascend by steps that can be told apart.
+fn ascend(angles: &[f32]) -> bool {
+    angles.windows(2).all(|pair| pair[1] - pair[0] >= LEAST_STEP)
+}
+
 /// Reads the LM-63 file `bytes`; `name` is for messages.
 ///
 /// # Errors
@@ -44,7 +52,7 @@ pub fn read(name: &str, bytes: &[u8], warnings: &mut Warnings) -> Result<Photome
                 count(next("the number of tilt angles")?, MAX_ANGLES).ok_or_else(|| broken("has too many tilts"))?;
             let angles = (0..count).map(|_| next("a tilt angle")).collect::<Result<Vec<f32>>>()?;
             let factors = (0..count).map(|_| next("a tilt factor")).collect::<Result<Vec<f32>>>()?;
-            if angles.windows(2).any(|pair| pair[0] >= pair[1]) {
+            if !ascend(&angles) {
                 return Err(broken("its tilt angles don't ascend"));
             }
             angles.into_iter().map(f32::to_radians).zip(factors).map(|(a, f)| [a, f.max(0.0)]).collect()
@@ -79,7 +87,7 @@ pub fn read(name: &str, bytes: &[u8], warnings: &mut Warnings) -> Result<Photome
     let total = total.ok_or_else(|| broken("has more intensities than can be read"))?;
     let vertical = (0..rows).map(|_| next("a vertical angle")).collect::<Result<Vec<f32>>>()?;
     let horizontal = (0..columns).map(|_| next("a horizontal angle")).collect::<Result<Vec<f32>>>()?;
-    if [&vertical, &horizontal].into_iter().any(|angles| angles.windows(2).any(|pair| pair[0] >= pair[1])) {
+    if !ascend(&vertical) || !ascend(&horizontal) {
         return Err(broken("its angles don't ascend"));
     }
     let candela =

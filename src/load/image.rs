@@ -3,10 +3,11 @@
 //! 8-bit pictures keep their bytes (a quarter of the memory of floats); all others become linear floats. What the
 //! numbers mean follows from the [`ColorSpace`]; EXR and HDR are linear by definition.
 
+use super::access::Access;
 use crate::color::linear_from_srgb;
 use crate::error::{Error, Result};
 use crate::scene::{Texels, Texture};
-use ::image::{DynamicImage, ImageReader, Limits};
+use ::image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use rayon::prelude::*;
 use std::io::Cursor;
 use std::path::Path;
@@ -16,6 +17,9 @@ pub const MAX_SIDE: u32 = 16384;
 
 /// Most memory that a decoder may take [bytes]: a picture of `MAX_SIDE` squared at 8 bit RGBA, twice.
 const MAX_BYTES: u64 = 2 << 30;
+
+/// Texels of a picture, at most, where nothing else is asked for.
+pub const MOST_TEXELS: u64 = 1 << 28;
 
 /// What a float texel that is not finite becomes where it is infinite: the largest half float.
 const INFINITY_STAND_IN: f32 = 65504.0;
@@ -33,12 +37,39 @@ pub enum ColorSpace {
 }
 
 /// Decodes the picture in `bytes`, whose format is told by its content (by `name`'s extension where the content has no
-/// mark). Grey pictures come out as RGB, and alpha is 1 where there is none. Float texels that are NaN become 0, infinite
-/// ones the largest half float, so that one bad texel can't fill a bake.
+/// mark). Grey pictures come out as RGB, and alpha is 1 where there is none. Float texels that are NaN become 0,
+/// infinite ones the largest half float, so that one bad texel can't fill a bake.
 ///
 /// # Errors
 /// `Invalid` naming `name` where the picture is broken or larger than [`MAX_SIDE`]; `Unsupported` for other formats.
 pub fn decode(name: &str, bytes: &[u8], space: ColorSpace) -> Result<Texture> {
+    let picture = reader(name, bytes)?.decode().map_err(|e| picture_error(name, e))?;
+    let (width, height) = (picture.width(), picture.height());
+    if width == 0 || height == 0 {
+        return Err(Error::invalid(name, "the picture has no texels; export it again"));
+    }
+    Ok(Texture { name: name.to_owned(), width, height, texels: texels(picture, space) })
+}
+
+/// Reads a picture's header: the memory that [`decode`] gives its texels [bytes].
+///
+/// # Errors
+/// As [`decode`], and `Invalid` where there are more than `most` texels.
+pub fn measure(name: &str, bytes: &[u8], most: u64) -> Result<u64> {
+    let decoder = reader(name, bytes)?.into_decoder().map_err(|e| picture_error(name, e))?;
+    let (width, height) = decoder.dimensions();
+    let count = u64::from(width) * u64::from(height);
+    if count > most {
+        let message =
+            format!("has {width} x {height} texels, more than {most}; make it smaller, or raise --max-texture");
+        return Err(Error::invalid(name, message));
+    }
+    let color = decoder.color_type();
+    Ok(count * if color.bytes_per_pixel() == color.channel_count() { 4 } else { 16 })
+}
+
+/// A decoder of `bytes` whose memory is bounded.
+fn reader<'a>(name: &str, bytes: &'a [u8]) -> Result<ImageReader<Cursor<&'a [u8]>>> {
     let mut reader = ImageReader::new(Cursor::new(bytes));
     if let Ok(format) = ::image::ImageFormat::from_path(name) {
         reader.set_format(format);
@@ -49,7 +80,11 @@ pub fn decode(name: &str, bytes: &[u8], space: ColorSpace) -> Result<Texture> {
     limits.max_image_height = Some(MAX_SIDE);
     limits.max_alloc = Some(MAX_BYTES);
     reader.limits(limits);
-    let picture = reader.decode().map_err(|e| match e {
+    Ok(reader)
+}
+
+fn picture_error(name: &str, error: ::image::ImageError) -> Error {
+    match error {
         ::image::ImageError::Unsupported(e) => {
             Error::unsupported(name, format!("{e}; convert the picture to PNG, JPEG, EXR or HDR"))
         }
@@ -57,12 +92,7 @@ pub fn decode(name: &str, bytes: &[u8], space: ColorSpace) -> Result<Texture> {
             Error::invalid(name, format!("{e}; pictures of up to {MAX_SIDE} x {MAX_SIDE} texels can be read"))
         }
         e => Error::invalid(name, format!("{e}; export the picture again")),
-    })?;
-    let (width, height) = (picture.width(), picture.height());
-    if width == 0 || height == 0 {
-        return Err(Error::invalid(name, "the picture has no texels; export it again"));
     }
-    Ok(Texture { name: name.to_owned(), width, height, texels: texels(picture, space) })
 }
 
 /// Reads and decodes the picture at `path`; see [`decode`].
@@ -70,7 +100,7 @@ pub fn decode(name: &str, bytes: &[u8], space: ColorSpace) -> Result<Texture> {
 /// # Errors
 /// As [`decode`], and `Io` where the file can't be read.
 pub fn load_file(path: &Path, space: ColorSpace) -> Result<Texture> {
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = Access::default().read(path)?;
     decode(&path.display().to_string(), &bytes, space)
 }
 

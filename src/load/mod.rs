@@ -1,5 +1,6 @@
 //! Files to a [`Scene`]: glTF and USD readers, images, units. Third-party formats end here.
 
+pub mod access;
 pub mod edits;
 pub mod gltf;
 pub mod ies;
@@ -52,6 +53,19 @@ impl Loaded {
     }
 }
 
+/// Turns the first warning about input that is missing or can't be read into an error.
+///
+/// # Errors
+/// `Invalid` naming its place.
+fn refuse_missing(warnings: &Warnings) -> Result<()> {
+    let missing: Vec<_> = warnings.iter().filter(|w| w.is_missing).collect();
+    let Some(first) = missing.first() else { return Ok(()) };
+    let count: usize = missing.iter().map(|w| w.count).sum();
+    let place = first.places.first().map_or("scene", String::as_str);
+    let all = if count > 1 { format!(", the first of {count} such parts") } else { String::new() };
+    Err(Error::invalid(place, format!("{} (--strict{all}; without it a warning)", first.message)))
+}
+
 /// Reads a scene of any format as it stands; see [`load_with`].
 ///
 /// # Errors
@@ -83,6 +97,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Loaded> {
             return Err(Error::unsupported(path.display(), message));
         }
     };
+    if options.strict {
+        refuse_missing(&loaded.warnings)?;
+    }
     let place = path.display().to_string();
     options.edits.apply(&mut loaded.scene, &place, &mut loaded.warnings)?;
     validate(&mut loaded.scene, &place, &mut loaded.warnings)?;

@@ -1,18 +1,19 @@
 //! What a loader is asked for beside the file.
 
 use super::edits::Edits;
+use std::path::PathBuf;
 
 /// How a scene file is read. The default is the file as it stands.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadOptions {
-    /// The moment that moving parts are read at: seconds in glTF, a time code in USD. None: at rest in glTF, the default
-    /// time in USD.
+    /// The moment that moving parts are read at: seconds in glTF, a time code in USD. None: at rest in glTF, the
+    /// default time in USD.
     pub time: Option<f64>,
-    /// glTF: name of the animation that is read, or its number from 0; none: the first one, where there is a `time`. With a name alone the time
-    /// is 0.
+    /// glTF: name of the animation that is read, or its number from 0; none: the first one, where there is a `time`.
+    /// With a name alone the time is 0.
     pub animation: Option<String>,
-    /// What is chosen of what the file offers in several forms. glTF: names of KHR_materials_variants, of which a later one
-    /// goes before an earlier one. USD: `PRIM:SET=NAME`.
+    /// What is chosen of what the file offers in several forms. glTF: names of KHR_materials_variants, of which a later
+    /// one goes before an earlier one. USD: `PRIM:SET=NAME`.
     pub variants: Vec<String>,
     /// Levels that USD's subdivision surfaces are refined to; 0: their control cages.
     pub subdivide: u32,
@@ -20,6 +21,15 @@ pub struct LoadOptions {
     pub purpose: Vec<Purpose>,
     /// What is changed of the scene once it is read.
     pub edits: Edits,
+    /// Folder that the scene and everything it pulls in must lie in, symbolic links resolved; none: glTF keeps to the
+    /// scene's own folder, USD reads from anywhere.
+    pub confine: Option<PathBuf>,
+    /// Texels of a picture, at most; none: [`super::image::MOST_TEXELS`].
+    pub max_texture: Option<u64>,
+    /// Memory of all decoded pictures, at most [bytes]; none: no limit.
+    pub max_memory: Option<u64>,
+    /// Input that is missing or can't be read is an error in place of a warning.
+    pub strict: bool,
 }
 
 /// What a part of a USD scene is for.

@@ -2,6 +2,7 @@
 
 use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
+use crate::load::image::MOST_TEXELS;
 use crate::post::LayerKind;
 use crate::reference::BATCHES;
 use crate::solve::{Solver, full_matrix};
@@ -29,6 +30,9 @@ impl Settings {
         within("page-size", self.page_size, 16, 16384)?;
         within("max-pages", self.max_pages, 1, 1024)?;
         within("padding", self.padding, 1, 64)?;
+        within("max-texture", self.max_texture, 1, MOST_TEXELS)?;
+        within("max-texels", self.max_texels, 1, u64::MAX)?;
+        within("max-memory", self.max_memory, 1 << 20, u64::MAX)?;
         within("max-bounces", self.max_bounces, 0, 100)?;
         let least = if self.method == Method::Path { BATCHES } else { 2 };
         within("samples", self.samples, least, 65536)?;

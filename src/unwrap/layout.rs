@@ -41,6 +41,8 @@ pub struct Layout {
     pub pages: Vec<[u32; 2]>,
     /// Texels per metre.
     pub density: f64,
+    /// Empty texels between charts: those asked for, or as many as there is room for.
+    pub padding: u32,
     /// By mesh.
     pub sized: Vec<Sized>,
     /// The page of each surface, and the slots of its mesh's pieces.
@@ -109,21 +111,84 @@ enum Overflow {
     Surface(usize),
 }
 
-/// Finds density and places as `params` ask for.
+/// Finds density and places as `params` ask for. Where charts of the least size, a texel each, don't fit with the
+/// padding between them, there is less of it, down to none, with a warning.
 ///
 /// # Errors
-/// `Invalid` where nothing fits at any density; `Cancelled`.
+/// `Invalid` where nothing fits at any density and padding; `Cancelled`.
 pub fn layout(
     subject: &Subject,
     params: &UnwrapParams,
     warnings: &mut Warnings,
     progress: &dyn Progress,
 ) -> Result<Layout> {
+    let mut padding = params.padding;
+    loop {
+        let params = UnwrapParams { padding, ..params.clone() };
+        if let Some(layout) = lay_out(subject, &params, warnings, progress)? {
+            return Ok(layout);
+        }
+        if padding == 0 {
+            return Err(no_room(subject, &params));
+        }
+        padding /= 2;
+        let effect = match padding {
+            0 => "charts touch, and a filter that reads between texels mixes them",
+            _ => "coarse mip levels of the lightmap mix charts",
+        };
+        let message = format!(
+            "{} charts don't fit with {} texels between them; the padding was lowered to {padding}: {effect}; allow \
+             more or larger pages",
+            least_pieces(subject),
+            params.padding
+        );
+        warnings.add("unwrap", message);
+    }
+}
+
+/// The layout with the padding of `params`; `None` where nothing fits at any density.
+fn lay_out(
+    subject: &Subject,
+    params: &UnwrapParams,
+    warnings: &mut Warnings,
+    progress: &dyn Progress,
+) -> Result<Option<Layout>> {
+    let pages = match params.density {
+        Density::FillPage(side) => f64::from(side).powi(2),
+        _ => f64::from(params.page_size).powi(2) * f64::from(params.max_pages),
+    };
+    // A chart of one texel, with its share of the padding.
+    let least = f64::from(1 + params.padding).powi(2) * least_pieces(subject) as f64;
+    if least > pages {
+        return Ok(None);
+    }
     match params.density {
         Density::FillPage(side) => fill(subject, side, params, progress),
         Density::TexelsPerMetre(density) => spread(subject, f64::from(density), params, warnings, progress),
         Density::TexelCount(count) => spread(subject, subject.density_of(count as f64), params, warnings, progress),
     }
+}
+
+/// Charts of all surfaces: each takes a texel at least.
+fn least_pieces(subject: &Subject) -> usize {
+    let charts = |mesh: usize| match &subject.contents[mesh] {
+        Content::Charts(charts) | Content::Shared(charts) => charts.len(),
+        Content::Authored { .. } => 1,
+        Content::Unused => 0,
+    };
+    subject.meshes.iter().map(|&mesh| charts(mesh)).sum()
+}
+
+fn no_room(subject: &Subject, params: &UnwrapParams) -> Error {
+    let pages = match params.density {
+        Density::FillPage(side) => format!("a page of {side} x {side} texels"),
+        _ => format!("{} page(s) of {} texels", params.max_pages, params.page_size),
+    };
+    let message = format!(
+        "{} charts don't fit {pages} at any density, even without padding; ask for more or larger pages",
+        least_pieces(subject)
+    );
+    Error::invalid("unwrap", message)
 }
 
 /// Packing trials of [`fill`] once some density fits.
@@ -132,8 +197,8 @@ const TRIALS: usize = 7;
 /// Up to this many pieces, a page that one order overfills is tried with another.
 const FEW: usize = 500;
 
-/// One page of `side` squared, filled as well as bisection finds; hidden surfaces on further ones.
-fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Progress) -> Result<Layout> {
+/// One page of `side` squared, filled as well as bisection finds; hidden surfaces on further ones. `None` where nothing fits.
+fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Progress) -> Result<Option<Layout>> {
     let padding = params.padding;
     let shown = subject.surfaces(true);
     let caps = caps(subject, side, padding);
@@ -156,7 +221,7 @@ fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Prog
             let mut page = Page::new([side, side], padding, padding);
             if let Some(slots) = place_surfaces(subject, &sized, &shown, &mut page, order, progress)? {
                 let mut layout =
-                    Layout { pages: vec![[side, side]], density, sized, surfaces: Vec::new(), shown_pages: 1 };
+                    Layout { pages: vec![[side, side]], density, padding, sized, surfaces: Vec::new(), shown_pages: 1 };
                 layout.surfaces = vec![(0, Vec::new()); subject.meshes.len()];
                 shown.iter().zip(slots).for_each(|(&s, slots)| layout.surfaces[s] = (0, slots));
                 let hidden = Paging { page_size: side, max_pages: MOST_HIDDEN_PAGES, padding };
@@ -176,14 +241,7 @@ fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Prog
         }
         (high, low) = (low, 0.8 * low);
     }
-    let Some(mut best) = best else {
-        return Err(Error::invalid(
-            "unwrap",
-            format!(
-                "the charts don't fit a page of {side} x {side} texels at any density; ask for a larger page, or for lower densities of single objects"
-            ),
-        ));
-    };
+    let Some(mut best) = best else { return Ok(None) };
     for _ in 0..TRIALS {
         let middle = (low * high).sqrt();
         match attempt(middle)? {
@@ -191,17 +249,17 @@ fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Prog
             None => high = middle,
         }
     }
-    Ok(best)
+    Ok(Some(best))
 }
 
-/// As many pages as `asked`, the density asked for, needs.
+/// As many pages as `asked`, the density asked for, needs; `None` where nothing fits.
 fn spread(
     subject: &Subject,
     asked: f64,
     params: &UnwrapParams,
     warnings: &mut Warnings,
     progress: &dyn Progress,
-) -> Result<Layout> {
+) -> Result<Option<Layout>> {
     let paging = Paging { page_size: params.page_size, max_pages: params.max_pages, padding: params.padding };
     let hidden = Paging { max_pages: MOST_HIDDEN_PAGES, ..paging };
     let shown = subject.surfaces(true);
@@ -225,11 +283,12 @@ fn spread(
                 // Too large ones among the hidden are found by their cost once the layout has taken the sizes.
                 let costs: Vec<f64> = (0..subject.meshes.len()).map(costs_of).collect();
                 let shown_pages = pages.len();
-                let layout = Layout { pages, density, sized, surfaces, shown_pages };
+                let padding = params.padding;
+                let layout = Layout { pages, density, padding, sized, surfaces, shown_pages };
                 match add_hidden(subject, layout, &hidden, progress)? {
                     Ok(layout) => {
                         warn_of_lowered(subject, &densities, params, warnings);
-                        return Ok(layout);
+                        return Ok(Some(layout));
                     }
                     Err(Overflow::Surface(surface)) => (Overflow::Surface(surface), costs[surface]),
                     Err(overflow) => (overflow, 0.0),
@@ -246,13 +305,7 @@ fn spread(
             }
         }
     }
-    Err(Error::invalid(
-        "unwrap",
-        format!(
-            "the charts don't fit {} page(s) of {} texels at any density; allow more or larger pages",
-            params.max_pages, params.page_size
-        ),
-    ))
+    Ok(None)
 }
 
 /// Says which densities are not what was asked for.
@@ -408,7 +461,8 @@ fn page_sizes(largest: u32) -> impl Iterator<Item = [u32; 2]> {
     sizes.into_iter()
 }
 
-/// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than it.
+/// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than
+/// it.
 fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
     let side = f64::from(side.saturating_sub(2 * padding).max(1));
     let cap = |sizes: &mut dyn Iterator<Item = DVec2>| {

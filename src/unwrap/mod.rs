@@ -82,7 +82,7 @@ pub struct UnwrapParams {
     pub page_size: u32,
     /// Most pages that may be used, at least 1; density falls, with a warning, where more would be needed.
     pub max_pages: u32,
-    /// Empty texels between charts, at least 1.
+    /// Empty texels between charts, at least 1; fewer, with a warning, where even charts of a texel each don't fit.
     pub padding: u32,
     pub uv: UvMode,
     /// Name of the authored set to look for; by default `TEXCOORD_1`, then `st1`.
@@ -161,7 +161,7 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
         shares: &shares,
     };
     let layout = layout::layout(&subject, params, &mut warnings, progress)?;
-    Ok((place(scene, contents, sets, layout, params.padding), warnings))
+    Ok((place(scene, contents, sets, layout), warnings))
 }
 
 /// Area of each surface [m²].
@@ -180,7 +180,7 @@ fn surface_area(scene: &Scene, surface: usize) -> f64 {
 }
 
 /// The layout as UVs and placements.
-fn place(scene: &Scene, contents: Vec<Content>, sets: Vec<Option<Set>>, layout: Layout, padding: u32) -> Atlas {
+fn place(scene: &Scene, contents: Vec<Content>, sets: Vec<Option<Set>>, layout: Layout) -> Atlas {
     let mut meshes = vec![MeshUvs::default(); scene.meshes.len()];
     let mut placements = Vec::with_capacity(scene.surfaces.len());
     let vector = |size: [u32; 2]| DVec2::new(f64::from(size[0]), f64::from(size[1]));
@@ -217,7 +217,7 @@ fn place(scene: &Scene, contents: Vec<Content>, sets: Vec<Option<Set>>, layout: 
             *mesh = set.uvs;
         }
     }
-    let Layout { pages, density, shown_pages, .. } = layout;
+    let Layout { pages, density, padding, shown_pages, .. } = layout;
     Atlas { pages, meshes, placements, density: density as f32, padding, shown_pages }
 }
 

@@ -3,6 +3,7 @@
 use super::uri::{Resource, resolve};
 use super::{extension, meshopt, variant};
 use crate::error::{Error, Result, Warnings};
+use crate::load::access::Access;
 use ::gltf::json;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -16,6 +17,8 @@ pub(super) struct Document {
     pub buffers: Vec<Vec<u8>>,
     /// The files that were read so far.
     pub inputs: Vec<PathBuf>,
+    /// What may be read.
+    pub access: Access,
     /// The file, for messages.
     place: String,
 }
@@ -31,9 +34,9 @@ pub(super) struct View<'a> {
 impl Document {
     /// Reads the file and its buffers, and refuses what can't be read (see [`extension::check`]). Compressed views are
     /// decoded, and the materials of `variants` stand in the place of the default ones.
-    pub fn open(path: &Path, variants: &[String], warnings: &mut Warnings) -> Result<Self> {
+    pub fn open(path: &Path, variants: &[String], access: &Access, warnings: &mut Warnings) -> Result<Self> {
         let place = path.display().to_string();
-        let mut bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+        let mut bytes = access.read(path)?;
         let (json, bin) = if bytes.starts_with(b"glTF") { chunks(&bytes, &place)? } else { (0..bytes.len(), None) };
         let json = bytes.get(json).unwrap_or_default();
         // The specification forbids a byte order mark and allows readers to skip it.
@@ -62,8 +65,8 @@ impl Document {
             bytes.drain(..range.start.min(bytes.len()));
             bytes
         });
-        let mut document =
-            Self { path: path.to_owned(), json, buffers: Vec::new(), inputs: vec![path.to_owned()], place };
+        let (buffers, inputs, access) = (Vec::new(), vec![path.to_owned()], access.clone());
+        let mut document = Self { path: path.to_owned(), json, buffers, inputs, access, place };
         document.read_buffers(bin)?;
         if meshopt::is_used(&document.json) {
             meshopt::decompress(&mut document)?;
@@ -134,7 +137,7 @@ impl Document {
                 (Some(uri), _) => match resolve(&self.path, uri, &place)? {
                     Resource::Bytes(bytes) => bytes,
                     Resource::File(file) => {
-                        let bytes = std::fs::read(&file).map_err(|e| Error::io(&file, e))?;
+                        let bytes = self.access.read(&file)?;
                         self.inputs.push(file);
                         bytes
                     }

@@ -76,13 +76,13 @@ pub(super) fn read(
     let picture = match source.specular_images.first().map(|faces| Cube::read(document, faces)) {
         Some(Ok(cube)) => Some(cube.to_latlong(&name)),
         Some(Err(e)) => {
-            warnings.add(e, "the sky's cube map can't be read; its irradiance coefficients were used");
+            warnings.add_missing(e, "the sky's cube map can't be read; its irradiance coefficients were used");
             smooth(&source.irradiance_coefficients, &name)
         }
         None => smooth(&source.irradiance_coefficients, &name),
     };
     let Some(picture) = picture else {
-        warnings.add(place, "the sky has neither images nor coefficients that can be read and was left out");
+        warnings.add_missing(place, "the sky has neither images nor coefficients that can be read and was left out");
         return Ok(None);
     };
     textures.push(picture);

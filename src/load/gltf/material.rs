@@ -161,7 +161,7 @@ fn slot(
     let texture = info.index.value();
     let Some(index) = images.of(document, texture) else {
         if image(document, texture).is_none() {
-            warnings.add(place, missing_message(document, texture));
+            warnings.add_missing(place, missing_message(document, texture));
         }
         return None;
     };

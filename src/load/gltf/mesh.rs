@@ -147,7 +147,11 @@ impl<'a> MeshReader<'a> {
             coords.resize(vertices, Vec2::ZERO);
             mesh.uvs.push(UvSet { name: uv_name(set), coords });
         }
-        repair_normals(&mut mesh);
+        let repaired = repair_normals(&mut mesh);
+        if repaired > 0 {
+            let message = "normals without a direction were replaced by those of their triangles";
+            warnings.add(format!("{place} ({repaired} vertices)"), message);
+        }
         Ok(mesh)
     }
 
@@ -373,21 +377,25 @@ fn face_normal([a, b, c]: &[Vec3; 3]) -> Vec3 {
     (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).normalize_or_zero().as_vec3()
 }
 
-/// Gives vertices whose normal is no direction that of a triangle that they belong to (+Y where there is none).
-fn repair_normals(mesh: &mut Mesh) {
+/// Gives vertices whose normal is no direction that of a triangle that they belong to (+Y where there is none); the number of
+/// those that triangles show.
+fn repair_normals(mesh: &mut Mesh) -> usize {
     let broken = |n: &Vec3| !n.is_finite() || *n == Vec3::ZERO;
     if !mesh.normals.iter().any(broken) {
-        return;
+        return 0;
     }
+    let mut shown = 0;
     for triangle in &mesh.triangles {
         let [Some(&a), Some(&b), Some(&c)] = triangle.map(|v| mesh.positions.get(v as usize)) else { continue };
         for &v in triangle {
             if let Some(normal) = mesh.normals.get_mut(v as usize).filter(|n| broken(n)) {
                 *normal = face_normal(&[a, b, c]);
+                shown += usize::from(!broken(normal));
             }
         }
     }
     for normal in mesh.normals.iter_mut().filter(|n| broken(n)) {
         *normal = Vec3::Y;
     }
+    shown
 }

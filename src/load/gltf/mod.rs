@@ -29,6 +29,7 @@ mod transmission;
 pub(crate) mod uri;
 mod variant;
 
+use super::access::Access;
 use super::{LoadOptions, Loaded, Source};
 use crate::error::{Result, Warnings};
 use crate::scene::{Role, Scene, Surface, SurfaceOrigin};
@@ -44,6 +45,8 @@ pub struct GltfSource {
     pub json: serde_json::Value,
     /// The bytes of each buffer, as many as its `byteLength` says.
     pub buffers: Vec<Vec<u8>>,
+    /// What may be read beside.
+    pub access: Access,
 }
 
 /// Reads a .gltf or .glb, at rest or at the moment of `options`.
@@ -58,7 +61,11 @@ pub struct GltfSource {
 /// warnings.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let mut warnings = Warnings::default();
-    let mut document = Document::open(path, &options.variants, &mut warnings)?;
+    let access = Access::of_scene(path, options, true)?;
+    let mut document = Document::open(path, &options.variants, &access, &mut warnings).or_else(|e| {
+        access.finish()?;
+        Err(e)
+    })?;
     let pose = animation::pose(&document, options, &mut warnings)?;
     let nodes = node::flatten(&document, &pose, &mut warnings)?;
     let mut lights = light::lights(&document, &nodes, &mut warnings)?;
@@ -84,6 +91,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment };
     let slides = projector::read(&document, &mut scene, &mut warnings)?;
     document.inputs.extend(slides);
+    access.finish()?;
     let Document { path, json, buffers, inputs, .. } = document;
-    Ok(Loaded { scene, source: Source::Gltf(GltfSource { path, json, buffers }), inputs, warnings })
+    Ok(Loaded { scene, source: Source::Gltf(GltfSource { path, json, buffers, access }), inputs, warnings })
 }

@@ -121,7 +121,7 @@ fn read(
             (None, Some(uri)) => match resolve(&document.path, uri, &place)? {
                 Resource::Bytes(bytes) => ies::read(&place, &bytes, warnings),
                 Resource::File(file) => {
-                    let bytes = std::fs::read(&file).map_err(|e| Error::io(&file, e))?;
+                    let bytes = document.access.read(&file)?;
                     let web = ies::read(&file.display().to_string(), &bytes, warnings)?;
                     files.push(file);
                     Ok(web)
@@ -130,5 +130,5 @@ fn read(
             (None, None) => Err(Error::invalid(&place, "has neither a URI nor a buffer view")),
         }
     };
-    Ok(web().map_err(|e| warnings.add(e, "a light profile can't be read; its lights were left out")).ok())
+    Ok(web().map_err(|e| warnings.add_missing(e, "a light profile can't be read; its lights were left out")).ok())
 }

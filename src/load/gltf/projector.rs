@@ -10,8 +10,8 @@
 
 use super::document::Document;
 use super::uri::{Resource, resolve};
-use crate::error::{Error, Result, Warnings};
-use crate::load::image::{ColorSpace, decode};
+use crate::error::{Result, Warnings};
+use crate::load::image::ColorSpace;
 use crate::load::projector::{ProjectorRequest, Target};
 use crate::scene::projector::TargetPlane;
 use crate::scene::{Scene, Texture};
@@ -50,7 +50,7 @@ pub(super) fn read(document: &Document, scene: &mut Scene, warnings: &mut Warnin
         let picture = match picture(document, node, &slide.picture, &mut files) {
             Ok(picture) => picture,
             Err(e) => {
-                warnings.add(e, "a projector's picture can't be read; the light shines without it");
+                warnings.add_missing(e, "a projector's picture can't be read; the light shines without it");
                 continue;
             }
         };
@@ -82,10 +82,10 @@ fn target(slide: &Slide, scene: &Scene) -> Target {
 fn picture(document: &Document, node: usize, uri: &str, files: &mut Vec<PathBuf>) -> Result<Texture> {
     let place = document.place("nodes", node);
     match resolve(&document.path, uri, &place)? {
-        Resource::Bytes(bytes) => decode(&place, &bytes, ColorSpace::Auto),
+        Resource::Bytes(bytes) => document.access.decode(&place, &bytes, ColorSpace::Auto),
         Resource::File(file) => {
-            let bytes = std::fs::read(&file).map_err(|e| Error::io(&file, e))?;
-            let texture = decode(&file.display().to_string(), &bytes, ColorSpace::Auto)?;
+            let bytes = document.access.read(&file)?;
+            let texture = document.access.decode(&file.display().to_string(), &bytes, ColorSpace::Auto)?;
             files.push(file);
             Ok(texture)
         }

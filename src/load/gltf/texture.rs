@@ -7,7 +7,7 @@
 use super::document::Document;
 use super::uri::{Resource, resolve};
 use crate::error::{Error, Result, Warnings};
-use crate::load::image::{ColorSpace, decode};
+use crate::load::image::ColorSpace;
 use crate::scene::{Texture, Wrap};
 use ::gltf::json;
 use ::gltf::json::texture::WrappingMode;
@@ -41,7 +41,7 @@ impl Images {
                     Some(out.textures.len() - 1)
                 }
                 Err(e) => {
-                    warnings.add(e, "the texture can't be read; the factor alone was used");
+                    warnings.add_missing(e, "the texture can't be read; the factor alone was used");
                     None
                 }
             };
@@ -86,7 +86,7 @@ pub(super) fn read_picture(
     warnings: &mut Warnings,
 ) -> Option<Texture> {
     let Some(image) = image(document, texture) else {
-        warnings.add(document.place("textures", texture), missing_message(document, texture));
+        warnings.add_missing(document.place("textures", texture), missing_message(document, texture));
         return None;
     };
     match read_image(document, image, space) {
@@ -95,7 +95,7 @@ pub(super) fn read_picture(
             Some(picture)
         }
         Err(e) => {
-            warnings.add(e, "the texture can't be read; the factor alone was used");
+            warnings.add_missing(e, "the texture can't be read; the factor alone was used");
             None
         }
     }
@@ -119,12 +119,12 @@ pub(super) fn read_image(document: &Document, index: usize, space: ColorSpace) -
     let image: json::Image = document.item("images", index)?;
     let place = document.place("images", index);
     match (image.buffer_view, image.uri) {
-        (Some(view), _) => Ok((decode(&place, document.view(view.value())?.bytes, space)?, None)),
+        (Some(view), _) => Ok((document.access.decode(&place, document.view(view.value())?.bytes, space)?, None)),
         (None, Some(uri)) => match resolve(&document.path, &uri, &place)? {
-            Resource::Bytes(bytes) => Ok((decode(&place, &bytes, space)?, None)),
+            Resource::Bytes(bytes) => Ok((document.access.decode(&place, &bytes, space)?, None)),
             Resource::File(file) => {
-                let bytes = std::fs::read(&file).map_err(|e| Error::io(&file, e))?;
-                let texture = decode(&file.display().to_string(), &bytes, space)?;
+                let bytes = document.access.read(&file)?;
+                let texture = document.access.decode(&file.display().to_string(), &bytes, space)?;
                 Ok((texture, Some(file)))
             }
         },

@@ -16,6 +16,7 @@ use super::read::{self, Reading};
 use super::texture::{Sampled, Textures};
 use super::udim;
 use crate::color::Rgb;
+use crate::load::access::Access;
 use crate::scene::{Alpha, Material, Mesh, Texture, TextureSlot};
 use glam::Vec3;
 use openusd::sdf::{Path, Value};
@@ -36,7 +37,6 @@ pub struct Fallback {
 }
 
 /// The scene's materials and textures in the making.
-#[derive(Default)]
 pub struct Materials {
     materials: Vec<Material>,
     textures: Textures,
@@ -189,6 +189,12 @@ impl Materials {
 
     pub fn all(&self) -> &[Material] {
         &self.materials
+    }
+
+    /// None yet; textures are those that `access` allows.
+    pub fn new(access: &Access) -> Self {
+        let textures = Textures::new(access);
+        Self { materials: Vec::new(), textures, used: HashMap::new(), parsed: HashMap::new() }
     }
 
     pub fn textures(&mut self) -> &mut Textures {

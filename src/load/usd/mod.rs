@@ -8,6 +8,7 @@
 //! The stage's unit and up axis are folded into transforms; mesh positions stay as authored. UVs are flipped to v down.
 
 mod binding;
+mod crate_size;
 mod dome;
 mod geometry;
 mod instancer;
@@ -19,6 +20,7 @@ mod network;
 mod polygon;
 mod primvar;
 mod read;
+pub mod resolver;
 mod role;
 mod shape;
 mod shaping;
@@ -31,6 +33,7 @@ mod udim;
 mod walk;
 mod xform;
 
+use super::access::Access;
 use super::{LoadOptions, Loaded, Source};
 use crate::error::{Error, Result};
 use openusd::{ar, pcp};
@@ -47,6 +50,8 @@ pub struct UsdSource {
     pub time: Option<f64>,
     /// Selections beside those of the files.
     pub variants: Vec<VariantSelection>,
+    /// What may be read.
+    pub access: Access,
     /// The meshes (indices into the scene's) whose faces are not their prim's own: implicit shapes and refined surfaces. Their
     /// triangles' `part` is the prim's own face, where it has any.
     pub remade: BTreeSet<usize>,
@@ -80,13 +85,18 @@ fn read_stage(path: &Path, options: &LoadOptions) -> Result<Loaded> {
         options.variants.iter().map(|text| VariantSelection::parse(text)).collect::<Result<_>>()?;
     // One scope keeps a package's directory open for all of its layers and textures.
     let _scope = ar::CacheScope::begin();
-    let stage = stage::open(path, &variants)?;
-    let mut walk = walk::Walk::new(stage.clone(), options);
+    let access = Access::of_scene(path, options, false)?;
+    let stage = stage::open(path, &variants, &access).or_else(|e| {
+        access.finish()?;
+        Err(e)
+    })?;
+    let mut walk = walk::Walk::new(stage.clone(), options, &access);
     walk.run();
     let walk::Output { scene, mut warnings, textures, remade } = walk.finish();
     for error in stage.composition_errors() {
         report(&error, &mut warnings);
     }
+    access.finish()?;
     let mut inputs: Vec<PathBuf> = Vec::new();
     let layers = stage.layer_identifiers().into_iter().map(|id| package_file(&id));
     for input in layers.chain(textures) {
@@ -94,7 +104,7 @@ fn read_stage(path: &Path, options: &LoadOptions) -> Result<Loaded> {
             inputs.push(input);
         }
     }
-    let source = UsdSource { path: path.to_owned(), time: options.time, variants, remade };
+    let source = UsdSource { path: path.to_owned(), time: options.time, variants, access, remade };
     Ok(Loaded { scene, source: Source::Usd(source), inputs, warnings })
 }
 
@@ -111,17 +121,20 @@ fn report(error: &pcp::CompositionDiagnostic, warnings: &mut crate::error::Warni
     use pcp::CompositionDiagnostic as D;
     match error {
         D::UnresolvedLayer { asset_path, site_path, arc, .. } => {
-            warnings.add(format!("{site_path}: {asset_path}"), format!("a {arc:?} names a file that was not found"));
+            warnings.add_missing(
+                format!("{site_path}: {asset_path}"),
+                format!("a {arc:?} names a file that was not found"),
+            );
         }
         D::MalformedLayer { asset_path, site_path, arc, reason, .. } => {
             let place = format!("{site_path}: {asset_path}: {reason}");
-            warnings.add(place, format!("a {arc:?} could not be read"));
+            warnings.add_missing(place, format!("a {arc:?} could not be read"));
         }
         D::UnresolvedSublayer { asset_path, introduced_by } => {
-            warnings.add(format!("{introduced_by}: {asset_path}"), "a sublayer was not found");
+            warnings.add_missing(format!("{introduced_by}: {asset_path}"), "a sublayer was not found");
         }
         D::MalformedSublayer { asset_path, introduced_by, reason } => {
-            warnings.add(format!("{introduced_by}: {asset_path}: {reason}"), "a sublayer could not be read");
+            warnings.add_missing(format!("{introduced_by}: {asset_path}: {reason}"), "a sublayer could not be read");
         }
         other => warnings.add("composition", other),
     }

@@ -23,6 +23,11 @@ impl Reading {
     pub fn add(&mut self, place: impl Display, message: impl Display) {
         self.warnings.add(place, message);
     }
+
+    /// Counts the warning `message` at `place`, where input is missing or can't be read.
+    pub fn add_missing(&mut self, place: impl Display, message: impl Display) {
+        self.warnings.add_missing(place, message);
+    }
 }
 
 /// The value of `attribute` at the reading's time code; without one its default, else its earliest sample, else the schema's

@@ -17,7 +17,6 @@ use crate::scene::projector::TargetPlane;
 use crate::scene::web::WebKind;
 use crate::scene::{Light, Picture, Profile, Shaping};
 use glam::{DMat3, DMat4, DVec3, Mat3, Vec3};
-use openusd::ar::{DefaultResolver, ResolvedPath, Resolver};
 use openusd::sdf::{AssetPath, Value};
 use openusd::usd::Prim;
 use std::sync::Arc;
@@ -55,18 +54,20 @@ pub fn profile(walk: &mut Walk, prim: &Prim, light: &Light) -> Option<Profile> {
     let name = file.asset_path().to_owned();
     let place = format!("{}: {name}", prim.path());
     let Some(resolved) = file.resolved_path() else {
-        w.add(place, "an IES profile was not found; the light shines without it");
+        w.add_missing(place, "an IES profile was not found; the light shines without it");
         return None;
     };
-    let read = DefaultResolver::new()
-        .open_asset(&ResolvedPath::new(resolved))
-        .and_then(|mut asset| asset.read_all())
+    let read = walk
+        .materials
+        .textures()
+        .resolver
+        .read(resolved)
         .map_err(|error| error.to_string())
         .and_then(|bytes| ies::read(resolved, &bytes, &mut w.warnings).map_err(|error| error.to_string()));
     let web = match read {
         Ok(web) => web,
         Err(error) => {
-            w.add(format!("{place}: {error}"), "an IES profile can't be read; the light shines without it");
+            w.add_missing(format!("{place}: {error}"), "an IES profile can't be read; the light shines without it");
             return None;
         }
     };

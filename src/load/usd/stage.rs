@@ -1,6 +1,8 @@
 //! Opening a stage with the variants that the user chose, for the reader and the layer's writer alike.
 
+use super::resolver::GuardedResolver;
 use crate::error::{Error, Result};
+use crate::load::access::Access;
 use openusd::sdf::{Path as PrimPath, Value};
 use openusd::usd::Stage;
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,14 +35,15 @@ impl VariantSelection {
     }
 }
 
-/// Opens the stage at `path` with `selections`, which are stronger than any in the files; the files stay as they are.
+/// Opens the stage at `path`, whose files `access` allows, with `selections`, which are stronger than any in the files; the files stay as they are.
 ///
 /// # Errors
 /// `Io` where the file can't be read, `Invalid` where it is no USD file, or has no such prim, set or variant: then the
 /// message lists those that it has.
-pub fn open(path: &Path, selections: &[VariantSelection]) -> Result<Stage> {
+pub fn open(path: &Path, selections: &[VariantSelection], access: &Access) -> Result<Stage> {
     let name = path.to_str().ok_or_else(|| Error::invalid(path.display(), "the path is not UTF-8; rename the file"))?;
     let stage = Stage::builder()
+        .resolver(GuardedResolver::new(access.clone()))
         .schema_registry(openusd_schemas::schema_registry())
         .open(name)
         .map_err(|error| open_error(path, error))?;

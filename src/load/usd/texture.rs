@@ -2,12 +2,13 @@
 
 use super::network::{self, Origin};
 use super::read::{self, Reading};
+use super::resolver::GuardedResolver;
 use super::{package_file, udim};
 use crate::color::linear_from_srgb;
-use crate::load::image::{self, ColorSpace};
+use crate::load::access::Access;
+use crate::load::image::ColorSpace;
 use crate::scene::{Material, Mesh, Texels, Texture, TextureSlot, Wrap};
 use glam::{Affine2, Mat2, Vec2, Vec4};
-use openusd::ar::{DefaultResolver, ResolvedPath, Resolver};
 use openusd::sdf::{AssetPath, Value};
 use openusd::tf::Token;
 use openusd::usd::Prim;
@@ -15,8 +16,10 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 
 /// Pictures that were read, each once.
-#[derive(Default)]
 pub struct Textures {
+    access: Access,
+    /// What reads them, and other files that the stage names.
+    pub resolver: GuardedResolver,
     pub textures: Vec<Texture>,
     /// The tiles of a picture in many files (UDIM), column and row from the lower left, by its first tile.
     pub tiles: HashMap<usize, BTreeMap<[u32; 2], usize>>,
@@ -52,6 +55,19 @@ pub fn missing_uv_sets(mesh: &Mesh, materials: &[Material]) -> Vec<String> {
 }
 
 impl Textures {
+    /// None yet, of those that `access` allows.
+    pub fn new(access: &Access) -> Self {
+        Self {
+            access: access.clone(),
+            resolver: GuardedResolver::new(access.clone()),
+            textures: Vec::new(),
+            tiles: HashMap::new(),
+            by_channel: HashMap::new(),
+            files: Vec::new(),
+            by_file: HashMap::new(),
+        }
+    }
+
     /// Reads the texture node `shader`; `None` where it is another kind of node.
     pub fn sample(&mut self, shader: &Prim, warnings: &mut Reading) -> Option<Sampled> {
         let id = network::shader_id(shader, warnings);
@@ -111,7 +127,7 @@ impl Textures {
             return None;
         }
         let Some(resolved) = file.resolved_path() else {
-            warnings.add(format!("{}: {name}", prim.path()), "a texture file was not found");
+            warnings.add_missing(format!("{}: {name}", prim.path()), "a texture file was not found");
             return None;
         };
         let key = match space {
@@ -122,11 +138,11 @@ impl Textures {
         if let Some(&known) = self.by_file.get(&(resolved.to_owned(), key)) {
             return known;
         }
-        let decoded = DefaultResolver::new()
-            .open_asset(&ResolvedPath::new(resolved))
-            .and_then(|mut asset| asset.read_all())
-            .map_err(|error| error.to_string())
-            .and_then(|bytes| image::decode(resolved_name(resolved), &bytes, space).map_err(|error| error.to_string()));
+        let access = &self.access;
+        let decoded =
+            self.resolver.read(resolved).map_err(|error| error.to_string()).and_then(|bytes| {
+                access.decode(resolved_name(resolved), &bytes, space).map_err(|error| error.to_string())
+            });
         let index = match decoded {
             Ok(mut texture) => {
                 texture.name = resolved.to_owned();
@@ -135,7 +151,8 @@ impl Textures {
                 Some(self.textures.len() - 1)
             }
             Err(error) => {
-                warnings.add(format!("{}: {name}", prim.path()), format!("a texture could not be read: {error}"));
+                warnings
+                    .add_missing(format!("{}: {name}", prim.path()), format!("a texture could not be read: {error}"));
                 None
             }
         };
@@ -154,9 +171,9 @@ impl Textures {
         space: ColorSpace,
         warnings: &mut Reading,
     ) -> Option<usize> {
-        let files = udim::files(shader, input, name);
+        let files = udim::files(&self.resolver, shader, input, name);
         if files.is_empty() {
-            warnings.add(format!("{}: {name}", shader.path()), "no tile of a UDIM texture was found");
+            warnings.add_missing(format!("{}: {name}", shader.path()), "no tile of a UDIM texture was found");
         }
         let read = |(tile, file): ([u32; 2], AssetPath)| Some((tile, self.load(shader, &file, space, warnings)?));
         let tiles: BTreeMap<[u32; 2], usize> = files.into_iter().filter_map(read).collect();

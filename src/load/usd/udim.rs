@@ -7,7 +7,7 @@ use super::read::Reading;
 use super::texture::Textures;
 use crate::scene::{Material, Mesh, TextureSlot, Wrap};
 use glam::{Affine2, Vec2};
-use openusd::ar::{DefaultResolver, ResolvedPath, Resolver};
+use openusd::ar::{ResolvedPath, Resolver};
 use openusd::sdf::AssetPath;
 use openusd::usd::Prim;
 use std::collections::HashMap;
@@ -24,8 +24,7 @@ pub fn is_tiled(name: &str) -> bool {
 }
 
 /// The files that `name`, the value of the attribute `input` of `shader`, stands for and that are there.
-pub fn files(shader: &Prim, input: &str, name: &str) -> Vec<([u32; 2], AssetPath)> {
-    let resolver = DefaultResolver::new();
+pub fn files(resolver: &impl Resolver, shader: &Prim, input: &str, name: &str) -> Vec<([u32; 2], AssetPath)> {
     let sites = shader.prim_index().property_stack(format!("inputs:{input}")).unwrap_or_default();
     let layers = sites.iter().filter_map(|site| {
         let layer = shader.stage().layer(&site.layer)?;

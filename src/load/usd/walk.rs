@@ -8,6 +8,7 @@ use super::skel::Skeletons;
 use super::surface::{MeshKey, ShiningKey};
 use super::{light, shape, xform};
 use crate::error::Warnings;
+use crate::load::access::Access;
 use crate::load::options::{LoadOptions, Purpose};
 use crate::scene::{Role, RoleOpinion, Scene, Surface, SurfaceOrigin};
 use glam::{Affine3A, DMat4, Vec3};
@@ -116,7 +117,7 @@ pub struct Output {
 }
 
 impl Walk {
-    pub fn new(stage: Stage, options: &LoadOptions) -> Self {
+    pub fn new(stage: Stage, options: &LoadOptions, access: &Access) -> Self {
         let mut warnings = Reading { time: options.time.map(TimeCode::new), warnings: Warnings::default() };
         let metadata = |field: &str| stage.stage_metadata(field).ok().flatten();
         let authored = metadata("metersPerUnit").and_then(read::to_float).map_or(0.01, f64::from);
@@ -132,7 +133,7 @@ impl Walk {
             stage,
             scene: Scene::default(),
             warnings,
-            materials: Materials::default(),
+            materials: Materials::new(access),
             skeletons: Skeletons::default(),
             subdivide: options.subdivide,
             purposes: options.purposes(),

@@ -33,7 +33,7 @@ pub fn import(source: &GltfSource, folder: &Path, warnings: &mut Warnings) -> Re
             return Err(Error::invalid(place, "names a buffer that isn't there; export the file again"));
         }
     }
-    embed_images(&mut doc, &source.path, folder, warnings)?;
+    embed_images(&mut doc, source, folder, warnings)?;
     rebase_uris(doc.root_mut(), &source.path, folder);
     Ok(doc)
 }
@@ -50,13 +50,14 @@ fn repoint(range: &mut Object, starts: &[usize]) -> Option<()> {
 }
 
 /// Puts the files that images name into buffer views.
-fn embed_images(doc: &mut Document, scene: &Path, folder: &Path, warnings: &mut Warnings) -> Result<()> {
+fn embed_images(doc: &mut Document, source: &GltfSource, folder: &Path, warnings: &mut Warnings) -> Result<()> {
+    let scene = &source.path;
     for i in 0..doc.count("images") {
         let image = doc.item("images", i)?;
         let Some(uri) = image.get("uri").and_then(Value::as_str).map(str::to_string) else { continue };
         let bytes = match resolve(scene, &uri, &doc.place) {
             Ok(Resource::Bytes(bytes)) => Some(bytes),
-            Ok(Resource::File(file)) => std::fs::read(file).ok(),
+            Ok(Resource::File(file)) => source.access.read(&file).ok(),
             Err(_) => None,
         };
         match bytes.as_deref().and_then(|b| Some((b, mime_type(b)?))) {

@@ -42,7 +42,7 @@ impl Input {
     /// `Invalid` where it can't be read.
     pub fn open(source: &UsdSource) -> Result<Self> {
         let mut input = Self {
-            stage: stage::open(&source.path, &source.variants)?,
+            stage: stage::open(&source.path, &source.variants, &source.access)?,
             time: source.time.map(TimeCode::new),
             remade: source.remade.clone(),
             place: source.path.display().to_string(),
