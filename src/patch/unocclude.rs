@@ -12,7 +12,7 @@
 //! A room that was modelled inside out sees nothing but backs everywhere: a chart that is (almost) all buried is taken as
 //! it is.
 
-use super::{Cutter, Footprint, Ground, footprint::CellMask, rasterize::morton};
+use super::{Cutter, Footprint, Ground, Patches, Stops, footprint::CellMask, rasterize::morton};
 use crate::Result;
 use crate::color::Rgb;
 use crate::progress::Progress;
@@ -42,8 +42,10 @@ const INSIDE_OUT: f64 = 0.95;
 #[derive(Clone, Debug)]
 pub struct Exposure {
     pub cells: Vec<CellMask>,
-    /// The area of each patch that is in the open [m^2]: what it receives and sends light with.
+    /// The area of each patch that is in the open and stops light [m^2]: what it receives and sends light with.
     pub area: Vec<f32>,
+    /// What patches stop of the light that meets them; none where all stop all.
+    pub stops: Option<Stops>,
     /// Rays that were traced.
     pub rays: u64,
 }
@@ -57,6 +59,26 @@ impl Exposure {
     /// Number of buried patches.
     pub fn buried_count(&self) -> usize {
         self.cells.iter().filter(|c| **c == CellMask::EMPTY).count()
+    }
+
+    /// The share of the light on a patch, 0..=1, that it stops.
+    pub fn stop(&self, patch: usize) -> f32 {
+        self.stops.as_ref().map_or(1.0, |stops| stops.share(patch))
+    }
+
+    /// What a patch stops of each channel, over the mean.
+    pub fn taking(&self, patch: usize) -> Rgb {
+        self.stops.as_ref().map_or(Rgb::ONE, |stops| stops.taking(patch))
+    }
+
+    /// The area of a patch that stops light from each channel [m^2], as far as it is in the open.
+    pub fn taking_area(&self, patch: usize) -> glam::DVec3 {
+        self.taking(patch).as_dvec3() * f64::from(self.area[patch])
+    }
+
+    /// The area with which a patch's back receives and sends light [m^2].
+    pub fn back_area(&self, patches: &Patches, patch: usize) -> f32 {
+        patches.area[patch] * self.stop(patch)
     }
 
     /// The share of a patch's cells in the open, as a grey.
@@ -103,8 +125,12 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
     }
     leave_inside_out_charts(ground, &mut cells);
     let open = |(area, cells): (&f32, &CellMask)| area * cells.0.count_ones() as f32 / 16.0;
-    let area = patches.area.iter().zip(&cells).map(open).collect();
-    Ok(Exposure { cells, area, rays })
+    let mut area: Vec<f32> = patches.area.iter().zip(&cells).map(open).collect();
+    let stops = Stops::new(ground);
+    if let Some(stops) = &stops {
+        area.iter_mut().enumerate().for_each(|(i, area)| *area *= stops.share(i));
+    }
+    Ok(Exposure { cells, area, stops, rays })
 }
 
 fn leave_inside_out_charts(ground: &Ground, cells: &mut [CellMask]) {

@@ -165,8 +165,10 @@ impl Elements {
             points_each: (ALL_POINTS / n.max(1) as u32).clamp(LEAST_POINTS, MOST_POINTS).next_power_of_two(),
         };
         for (e, (back, members)) in clusters.iter().enumerate() {
-            let areas = if *back { &patches.area } else { &exposure.area };
-            let area_of = |&i: &u32| f64::from(areas[i as usize]);
+            let area_of = |&i: &u32| {
+                let i = i as usize;
+                f64::from(if *back { exposure.back_area(patches, i) } else { exposure.area[i] })
+            };
             let area: f64 = members.iter().map(area_of).sum();
             let mean = |f: &dyn Fn(usize) -> Vec3| {
                 let sum: glam::DVec3 = members.iter().map(|i| f(*i as usize).as_dvec3() * area_of(i)).sum();
