@@ -59,6 +59,8 @@ pub struct Backs {
     /// Area [m^2], mean albedo and irradiance [lx] of each group.
     pub area: Vec<f32>,
     pub albedo: Vec<Rgb>,
+    /// What each stops of each channel of the light on it, over the mean.
+    pub taking: Vec<Rgb>,
     pub irradiance: Vec<Rgb>,
     /// The share of the light leaving each that lands on something that can send light back.
     pub landed_share: Vec<f32>,
@@ -74,6 +76,7 @@ impl Backs {
             of_patch: elements.back_of.clone(),
             area: (0..elements.len()).map(area).collect(),
             albedo: elements.albedo.clone(),
+            taking: elements.taking.clone(),
             irradiance: solution.irradiance.clone(),
             landed_share: solution.landed_share.clone(),
             inflow: solution.inflow,

@@ -7,8 +7,8 @@
 //! them all: a direction that one texel drew is of use to each texel that faces it.
 
 use super::guide::{Found, Guide, NO_CLUSTER, Recipe, View};
-use crate::sample::octahedral;
 use crate::color::Rgb;
+use crate::sample::octahedral;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -86,7 +86,11 @@ pub struct Half {
 }
 
 /// Each of `links` with its form factor and tint.
-fn tinted<'a, L>(links: &'a [L], weights: &'a [f32], tints: &'a [(u32, Rgb)]) -> impl Iterator<Item = (&'a L, f32, Rgb)> {
+fn tinted<'a, L>(
+    links: &'a [L],
+    weights: &'a [f32],
+    tints: &'a [(u32, Rgb)],
+) -> impl Iterator<Item = (&'a L, f32, Rgb)> {
     let mut tints = tints.iter().peekable();
     (0..).zip(links).zip(weights).map(move |((k, link), weight)| {
         let tint = tints.next_if(|t| t.0 == k).map_or(Rgb::ONE, |t| t.1);

@@ -127,7 +127,8 @@ impl System<'_> {
     /// Irradiance of half `half` by links.
     pub fn collect(half: &Half, radiosity: &Radiosity) -> Rgb {
         // Most have no tints; what they take off is cheaper than to look for them at each link.
-        let white: Rgb = half.links.iter().zip(&half.weights).map(|(l, weight)| radiosity.at(l.target()) * *weight).sum();
+        let white: Rgb =
+            half.links.iter().zip(&half.weights).map(|(l, weight)| radiosity.at(l.target()) * *weight).sum();
         let taken = half.tints.iter().map(|&(k, tint)| {
             let k = k as usize;
             radiosity.at(half.links[k].target()) * (tint - Rgb::ONE) * half.weights[k]

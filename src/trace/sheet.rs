@@ -149,14 +149,7 @@ impl Sheets {
     }
 
     /// Whether the sheets nearer than `hit` (distance and number; none: all) let the ray on.
-    pub fn pass(
-        &self,
-        ray: &Ray,
-        largest: f32,
-        offset: f32,
-        hit: Option<(f32, u32)>,
-        layers: &mut Layers,
-    ) -> Passage {
+    pub fn pass(&self, ray: &Ray, largest: f32, offset: f32, hit: Option<(f32, u32)>, layers: &mut Layers) -> Passage {
         let line = Line::new(ray.origin, ray.direction, largest);
         let limit = hit.map_or(f32::INFINITY, |h| h.0);
         self.cross(&line, limit, offset, layers);

@@ -182,13 +182,7 @@ fn enter(node: &Node, lane: usize, line: &Line, limit: f32) -> Option<f32> {
 
 /// Calls `visit` for every triangle that the ray crosses, in no order, but for some of those beyond `limit` [m]; `stack` is one of
 /// [`stack`].
-pub(super) fn crossings(
-    wide: &Wide,
-    line: &Line,
-    limit: f32,
-    stack: &mut [u64],
-    mut visit: impl FnMut(u32, Crossing),
-) {
+pub(super) fn crossings(wide: &Wide, line: &Line, limit: f32, stack: &mut [u64], mut visit: impl FnMut(u32, Crossing)) {
     stack[0] = 0;
     let mut top = 1;
     while top > 0 {
