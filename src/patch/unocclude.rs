@@ -9,6 +9,8 @@
 //! Nearly all patches lie in the open. So a few rays from each look around first; patches are probed where rays of their
 //! block or of one next to it met a back, and next to every block in which something buried was found.
 //!
+//! Nothing lies inside of sheets, which let light through: they are looked through here.
+//!
 //! A room that was modelled inside out sees nothing but backs everywhere: a chart that is (almost) all buried is taken as
 //! it is.
 
@@ -167,7 +169,7 @@ fn glance(ground: &Ground, blocks: &[Range<usize>], seed: u32, progress: &dyn Pr
                 }
             }
             let mut hits = vec![None; rays.len()];
-            ground.tracer.closest(&rays, &mut hits);
+            ground.tracer.closest_solid(&rays, &mut hits);
             progress.advance(batch.map(|b| blocks[b].len() as u64).sum());
             let is_back = |hit: &Option<Hit>| hit.is_some_and(|h| h.back);
             let mut found: Vec<usize> = hits.iter().zip(owner).filter(|(h, _)| is_back(h)).map(|(_, b)| b).collect();
@@ -274,7 +276,7 @@ fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mut u64) -> V
         }
         let rays: Vec<Ray> = (0..16).map(|cell| patch.ray(ground, cell, 0)).collect();
         let mut hits = vec![None; rays.len()];
-        ground.tracer.closest(&rays, &mut hits);
+        ground.tracer.closest_solid(&rays, &mut hits);
         *traced += 16;
         // Many patches beside one that lies inside something see no back at all.
         if !hits.iter().flatten().any(|h: &Hit| h.back) {
@@ -303,7 +305,7 @@ fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mut u64) -> V
 
 fn nearest(ground: &Ground, ray: &Ray, traced: &mut u64) -> Option<Hit> {
     let mut hit = [None];
-    ground.tracer.closest(std::slice::from_ref(ray), &mut hit);
+    ground.tracer.closest_solid(std::slice::from_ref(ray), &mut hit);
     *traced += 1;
     hit[0]
 }

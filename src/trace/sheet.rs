@@ -34,6 +34,7 @@ pub(super) struct Sheets {
 struct Pane {
     /// Its number over all surfaces.
     number: u32,
+    surface: u32,
     glass: u32,
     is_mirrored: bool,
     /// Alpha of the vertex colours.
@@ -73,7 +74,12 @@ struct Layer {
     /// Weights of corners 1 and 2 of the triangle as it stands in the tree.
     barycentric: [f32; 2],
     back: bool,
+    /// Next to an edge, where the triangle beyond may be crossed too.
+    on_edge: bool,
 }
+
+/// Corner weights below this are next to an edge.
+const EDGE: f32 = 4.0 * f32::EPSILON;
 
 /// Memory that crossings are sorted in.
 pub(super) struct Layers {
@@ -114,7 +120,9 @@ impl Sheets {
             }
             let material = &scene.materials[index as usize];
             let glass = *glass_of.entry(index).or_insert_with(|| sheets.add_glass(scene, material, &mut map_of));
-            sheets.panes.push(pane(mesh, triangle, material, number, glass, scene.surfaces[surface].is_mirrored()));
+            let is_mirrored = scene.surfaces[surface].is_mirrored();
+            let (alpha, uv) = looks(mesh, triangle, material);
+            sheets.panes.push(Pane { number, surface: surface as u32, glass, is_mirrored, alpha, uv });
             taken.push(*corners);
             *corners = [[f32::NAN; 3]; 3];
         }
@@ -179,32 +187,42 @@ impl Sheets {
     }
 
     /// What the sheets let through of light along a way of `length` [m].
-    pub fn transmittance(&self, ray: &Ray, length: f32, largest: f32, layers: &mut Layers) -> Rgb {
+    pub fn transmittance(&self, ray: &Ray, length: f32, largest: f32, offset: f32, layers: &mut Layers) -> Rgb {
         let line = Line::new(ray.origin, ray.direction, largest);
-        self.cross(&line, length, 0.0, layers);
-        layers.found.retain(|l| l.t < length);
-        // Products of floats depend on the order.
-        layers.found.sort_unstable_by_key(|l| l.pane);
+        self.cross(&line, length, offset, layers);
         layers.found.iter().fold(Rgb::ONE, |product, layer| product * self.passes(layer))
     }
 
-    /// Calls `visit(triangle, back)` for every sheet along a ray, in no order.
-    pub fn crossings(&self, line: &Line, mut visit: impl FnMut(u32, bool)) {
-        let mut stack = self.layers().stack;
-        traverse::crossings(&self.tree, line, f32::INFINITY, &mut stack, |pane, crossing| {
-            visit(self.panes[pane as usize].number, !crossing.front);
-        });
-    }
-
+    /// Finds the layers within `limit` [m], in the order of their triangles' numbers.
     fn cross(&self, line: &Line, limit: f32, offset: f32, layers: &mut Layers) {
         let Layers { found, stack } = layers;
         found.clear();
         traverse::crossings(&self.tree, line, limit, stack, |pane, crossing| {
             let t = if crossing.front { crossing.t } else { crossing.t + offset };
-            if t <= limit {
-                found.push(Layer { t, pane, barycentric: crossing.barycentric, back: !crossing.front });
+            if crossing.t <= limit {
+                let [v, w] = crossing.barycentric;
+                let on_edge = v.min(w).min(1.0 - v - w) < EDGE;
+                found.push(Layer { t, pane, barycentric: [v, w], back: !crossing.front, on_edge });
             }
         });
+        // Products of floats depend on the order.
+        found.sort_unstable_by_key(|l| l.pane);
+        if found.iter().filter(|l| l.on_edge).count() > 1 {
+            self.join(found, offset);
+        }
+    }
+
+    /// Takes what is crossed at the edges of several triangles of a surface, in one place, for one layer: that of the first.
+    fn join(&self, found: &mut Vec<Layer>, offset: f32) {
+        let mut kept: Vec<Layer> = Vec::with_capacity(found.len());
+        for layer in found.iter().copied() {
+            let surface = |l: &Layer| self.panes[l.pane as usize].surface;
+            let is_same = |l: &Layer| l.on_edge && surface(l) == surface(&layer) && (l.t - layer.t).abs() <= offset;
+            if !(layer.on_edge && kept.iter().any(is_same)) {
+                kept.push(layer);
+            }
+        }
+        *found = kept;
     }
 
     /// The share of light, by channel, that passes at a crossing.
@@ -227,14 +245,15 @@ fn turned([v, w]: [f32; 2], is_mirrored: bool) -> [f32; 2] {
     if is_mirrored { [w, v] } else { [v, w] }
 }
 
-fn pane(mesh: &Mesh, triangle: usize, material: &Material, number: u32, glass: u32, is_mirrored: bool) -> Pane {
+/// A triangle's alpha of the vertex colours, and its image coordinates in the maps of opacity and of transmission.
+fn looks(mesh: &Mesh, triangle: usize, material: &Material) -> ([f32; 3], [[Vec2; 3]; 2]) {
     let corners = mesh.triangles[triangle];
     let alpha = if mesh.colors.is_empty() { [1.0; 3] } else { corners.map(|v| mesh.colors[v as usize].w) };
     let uv = [material.opacity_slot(), material.transmission_texture.as_ref()].map(|slot| {
         let set = slot.and_then(|slot| mesh.uv_set(&slot.uv_set).map(|uv| (slot, uv)));
         set.map_or([Vec2::ZERO; 3], |(slot, uv)| corners.map(|v| slot.image_from_uv.transform_point2(uv[v as usize])))
     });
-    Pane { number, glass, is_mirrored, alpha, uv }
+    (alpha, uv)
 }
 
 impl Map {

@@ -133,13 +133,13 @@ impl Tracer {
     /// The nearest hit of each ray; `hits` has the length of `rays`. Where sheets let light through, rays pass them with the mean
     /// share of it as their chance.
     pub fn closest(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        self.solid(rays, hits);
+        self.closest_solid(rays, hits);
         self.through(rays, hits, |_, _| {});
     }
 
     /// The same, and the tint of what each ray stands for: `tints` has one a ray, or none where all are white.
     pub fn closest_tinted(&self, rays: &[Ray], hits: &mut [Option<Hit>], tints: &mut Vec<Rgb>) {
-        self.solid(rays, hits);
+        self.closest_solid(rays, hits);
         self.whiten(rays.len(), tints);
         self.through(rays, hits, |i, tint| {
             if let Some(t) = tints.get_mut(i) {
@@ -175,8 +175,8 @@ impl Tracer {
         }
     }
 
-    /// The nearest solid hit of each ray.
-    fn solid(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+    /// The nearest solid hit of each ray: sheets are looked through.
+    pub fn closest_solid(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), hits.len());
         let query = |i: usize| (rays[i].origin, rays[i].direction, f32::INFINITY);
         self.path.each::<false>(&self.batch(rays.len()), query, |i, line, nearest| {
@@ -232,7 +232,7 @@ impl Tracer {
         let mut layers = sheets.layers();
         for (i, share) in shares.iter_mut().enumerate().filter(|(_, share)| **share != Rgb::ZERO) {
             let (ray, length) = way(i);
-            *share = sheets.transmittance(&ray, length, self.largest, &mut layers);
+            *share = sheets.transmittance(&ray, length, self.largest, self.offset, &mut layers);
         }
     }
 
@@ -242,7 +242,7 @@ impl Tracer {
         let mut layers = sheets.layers();
         for (i, blocked) in blocked.iter_mut().enumerate().filter(|(_, blocked)| !**blocked) {
             let (ray, length) = way(i);
-            let share = sheets.transmittance(&ray, length, self.largest, &mut layers);
+            let share = sheets.transmittance(&ray, length, self.largest, self.offset, &mut layers);
             let mean = mean_share(share);
             *blocked = chance(&ray) >= mean;
             if let Some(tint) = tints.get_mut(i).filter(|_| mean > 0.0) {
@@ -266,16 +266,13 @@ impl Tracer {
         self.path.each::<true>(&self.batch(rays.len()), query, |i, _, nearest| answer(i, nearest.is_some()));
     }
 
-    /// Calls `visit(triangle, back)` for every triangle along a ray, in no order.
+    /// Calls `visit(triangle, back)` for every solid triangle along a ray, in no order.
     pub fn crossings(&self, ray: &Ray, mut visit: impl FnMut(u32, bool)) {
         let line = Line::new(ray.origin, ray.direction, self.largest);
         let mut stack = traverse::stack(&self.wide);
         traverse::crossings(&self.wide, &line, f32::INFINITY, &mut stack, |number, crossing| {
             visit(number, !crossing.front);
         });
-        if let Some(sheets) = &self.sheets {
-            sheets.crossings(&line, visit);
-        }
     }
 
     fn batch(&self, count: usize) -> Batch<'_> {

@@ -103,9 +103,13 @@ fn binary(triangles: &[[[f32; 3]; 3]]) -> Bvh2 {
     let thickness = Vec3A::splat(f32::EPSILON * largest);
     let boxes: Vec<Aabb> =
         corners().map(|[a, b, c]| Aabb::new(a.min(b).min(c) - thickness, a.max(b).max(c) + thickness)).collect();
-    let mut tree = PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, numbers, SortPrecision::U64, 1);
+    // Leaves name boxes by the numbers given here, and primitive_indices says what they stand for: were numbers left out in between,
+    // the two would not fit.
+    let places = (0..boxes.len() as u32).collect();
+    let mut tree = PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, places, SortPrecision::U64, 1);
     ReinsertionOptimizer::default().run(&mut tree, REINSERTED, None);
     tree.reorder_in_stack_traversal_order();
+    tree.primitive_indices = numbers;
     tree
 }
 
