@@ -86,7 +86,7 @@ fn a_red_pane_passes_red_and_a_blend_of_it_less() {
 fn checker(n: u32, each: u32) -> Texture {
     let side = n * each;
     let texel = |i: u32| {
-        let is_hole = (i % side / each + i / side / each) % 2 == 0;
+        let is_hole = (i % side / each + i / side / each) & 1 == 0;
         [255, 255, 255, if is_hole { 0 } else { 255 }]
     };
     Texture {
