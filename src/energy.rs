@@ -3,7 +3,8 @@
 //! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
 //! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
 //! by no texel; their part comes from [`Backs`], as far as the rest of the scene sees them. Parts of texels that lie inside other geometry don't count,
-//! nor do surfaces that receive without casting: the light on them goes on to what lies behind.
+//! nor do surfaces that receive without casting: the light on them goes on to what lies behind. Nor does what passes through sheets:
+//! it is absorbed elsewhere, or escapes (by channel, what escapes through coloured panes is told by its mean).
 //!
 //! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
 //! balance says less than with geometric normals.
@@ -53,7 +54,7 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
     let all = bake.backs;
     for (b, area) in all.area.iter().enumerate() {
         let (rho, received) = (all.albedo[b].as_dvec3(), f64::from(*area) * all.irradiance[b].as_dvec3());
-        backs += (DVec3::ONE - rho) * received;
+        backs += (all.taking[b].as_dvec3() - rho) * received;
         escaped += (1.0 - f64::from(all.landed_share[b])) * rho * received;
     }
     let inflow = bake.direct.inflow + bake.gathered.sky_inflow + bake.backs.inflow;
@@ -94,7 +95,7 @@ fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> P
     let patches = bake.lit.ground.patches;
     let mut power = Power::default();
     for i in range.filter(|&i| bake.lit.ground.casts(i)) {
-        let (area, whole) = (f64::from(bake.lit.exposure.area[i]), f64::from(patches.area[i]));
+        let (area, whole) = (f64::from(bake.lit.exposure.area[i]), f64::from(bake.lit.exposure.back_area(patches, i)));
         let rho = bake.lit.reflectance.0[i].as_dvec3();
         let emittance = PI * bake.lit.emission.0[i].as_dvec3();
         power.emitted += area * emittance;
@@ -105,7 +106,7 @@ fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> P
         } else {
             written_irradiance(lightmap, patches.texel(i), rho, emittance, half)
         };
-        power.absorbed += area * (DVec3::ONE - rho) * irradiance;
+        power.absorbed += (bake.lit.exposure.taking_area(i) - area * rho) * irradiance;
         power.escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
         let back = bake.backs.of_patch[i];
         if back != crate::patch::NONE {

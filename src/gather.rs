@@ -59,6 +59,8 @@ pub struct Backs {
     /// Area [m^2], mean albedo and irradiance [lx] of each group.
     pub area: Vec<f32>,
     pub albedo: Vec<Rgb>,
+    /// What each stops of each channel of the light on it, over the mean.
+    pub taking: Vec<Rgb>,
     pub irradiance: Vec<Rgb>,
     /// The share of the light leaving each that lands on something that can send light back.
     pub landed_share: Vec<f32>,
@@ -74,6 +76,7 @@ impl Backs {
             of_patch: elements.back_of.clone(),
             area: (0..elements.len()).map(area).collect(),
             albedo: elements.albedo.clone(),
+            taking: elements.taking.clone(),
             irradiance: solution.irradiance.clone(),
             landed_share: solution.landed_share.clone(),
             inflow: solution.inflow,
@@ -225,7 +228,7 @@ pub fn read_elements(
     let indirect = read(&solution.irradiance);
     let of_sky = |e: usize| if has_sky { probes.of(e).sky } else { Rgb::ZERO };
     let sky: Vec<Rgb> = (0..n).map(|i| element(i).map_or(Rgb::ZERO, of_sky)).collect();
-    let share = |i: usize| if lit.ground.casts(i) { f64::from(lit.exposure.area[i]) } else { 0.0 };
+    let share = |i: usize| if lit.ground.casts(i) { lit.exposure.taking_area(i) } else { glam::DVec3::ZERO };
     let flux = |i: usize| sky[i].as_dvec3() * share(i);
     Ok(Gathered {
         irradiance: indirect.iter().zip(direct.shown.iter()).map(|(i, d)| *i + *d).collect(),
@@ -263,6 +266,7 @@ fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
     let mut rays = Vec::with_capacity(half as usize);
     let mut cosines = Vec::with_capacity(half as usize);
     let mut hits: Vec<Option<Hit>> = Vec::new();
+    let mut tints = Vec::new();
     for k in 0..2 {
         let sequence = Sequence::new(params.seed, Stage::Gather, 2 * i as u64 + k as u64);
         rays.clear();
@@ -281,24 +285,25 @@ fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
         }
         hits.clear();
         hits.resize(rays.len(), None);
-        ground.tracer.closest(&rays, &mut hits);
+        ground.tracer.closest_tinted(&rays, &mut hits, &mut tints);
         let (mut light, mut sky) = (Rgb::ZERO, Rgb::ZERO);
-        for ((ray, hit), cos) in rays.iter().zip(&hits).zip(&cosines) {
+        for (n, ((ray, hit), cos)) in rays.iter().zip(&hits).zip(&cosines).enumerate() {
+            let tint = tints.get(n).copied().unwrap_or(Rgb::ONE);
             match hit {
                 Some(hit) => {
                     if let Some(under) = sources.under(ground, hit) {
-                        light += under.radiosity;
+                        light += under.radiosity * tint;
                         landed += 1;
                         let albedo = sources.reflectance.0[under.patch];
                         for (sum, part) in collected.parts.iter_mut().zip(sources.parts) {
-                            *sum += albedo * part[under.element] / (2 * half) as f32;
+                            *sum += albedo * tint * part[under.element] / (2 * half) as f32;
                         }
                     }
                 }
                 None => {
                     if let Some(s) = &lights.sky {
                         let weight = hemisphere_weight(lights, params, ray.direction, *cos);
-                        sky += s.radiance(ground.scene, ray.direction) * (weight * PI);
+                        sky += s.radiance(ground.scene, ray.direction) * tint * (weight * PI);
                     }
                 }
             }

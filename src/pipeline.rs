@@ -11,7 +11,9 @@ use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::{Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
+use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
+use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas};
 use crate::view_factors::{Figures, view_factors};
 use crate::write::{self, Baked, output::Staging, view_factors::refuse_other, watch};
@@ -68,6 +70,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
             .warnings
             .add("gather none", "objects that don't cast have no elements to read; they show direct light alone");
     }
+    warn_of_panes(&loaded.scene, &mut report, settings);
     warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
 }
@@ -99,6 +102,26 @@ fn solver_report(lit: &Illuminated, settings: &Settings) -> Option<SolverReport>
         links: exchange.links,
         steps: exchange.steps.clone(),
     })
+}
+
+/// Says what light between elements takes for other than it is: rays alone know sheets and their colours.
+fn warn_of_panes(scene: &Scene, report: &mut Report, settings: &Settings) {
+    if settings.method == Method::Path || settings.gather() == Gather::Blocks {
+        return;
+    }
+    let is_solid = matches!(settings.form_factors, FormFactors::Analytic | FormFactors::Hemicube);
+    let used = scene.surfaces.iter().flat_map(|s| &scene.meshes[s.mesh].triangle_material);
+    let used: std::collections::BTreeSet<u32> = used.copied().collect();
+    for material in used.into_iter().map(|m| &scene.materials[m as usize]).filter(|m| m.lets_light_through()) {
+        if is_solid {
+            let message = "lets light through, but is solid to these form factors; choose --form-factors area";
+            report.warnings.add(&material.name, message);
+        } else if material.transmission.max_element() > 0.0 {
+            let message =
+                "light between elements passes it without its colour; choose --gather blocks, or --method path";
+            report.warnings.add(&material.name, message);
+        }
+    }
 }
 
 /// Says where a bake should not be trusted as it is.

@@ -268,7 +268,7 @@ def Xform "x" ( prepend apiSchemas = ["MaterialBindingAPI"] ) {{
     assert_close(scene.material(0, 1).emission, Vec3::new(5.0, 6.0, 7.0));
     assert_eq!(scene.material(1, 0).name, "/looks/lamp");
     assert_close(scene.material(2, 0).albedo, Vec3::new(0.1, 0.2, 0.3));
-    assert!(warned(&loaded, "opaque for now", "/looks/lamp") && warned(&loaded, "metal", "/looks/lamp"));
+    assert!(!warned(&loaded, "opacity", "/looks/lamp") && warned(&loaded, "metal", "/looks/lamp"));
     assert!(warned(&loaded, "was not found", "/looks/nothing"));
 }
 

@@ -98,7 +98,8 @@ impl Blocks {
         let mut area_before = Vec::with_capacity(order.len() + 1);
         area_before.push(0.0);
         for (k, &i) in order.iter().enumerate() {
-            let area = if k < fronts { lit.exposure.area[i as usize] } else { patches.area[i as usize] };
+            let i = i as usize;
+            let area = if k < fronts { lit.exposure.area[i] } else { lit.exposure.back_area(patches, i) };
             area_before.push(area_before[k] + f64::from(area));
         }
         let none = vec![NONE; patches.len()];

@@ -82,8 +82,8 @@ pub fn variances(system: &System, radiosity: &Radiosity) -> Vec<f32> {
             sum += x;
             squares += x * x;
         };
-        for (link, weight) in half.links.iter().zip(&half.weights) {
-            add(luminance(radiosity.at(link.target())) * weight);
+        for (link, weight, tint) in half.seen() {
+            add(luminance(radiosity.at(link.target()) * tint) * weight);
         }
         system.each_sky(b, k, None, |light| add(luminance(light)));
         (squares - sum * sum / n).max(0.0) * n

@@ -365,18 +365,24 @@ impl<'a> Field<'a> {
         for b in (fronts..self.blocks.list.len()).filter(|&b| !self.sampled[b].is_empty()) {
             let (block, found) = (&self.blocks.list[b], &self.sampled[b]);
             let number = backs.area.len() as u32;
-            let mut albedo = Rgb::ZERO;
+            let (mut albedo, mut taking) = (Rgb::ZERO, Rgb::ZERO);
             for (k, &i) in (block.first as usize..).zip(self.blocks.members(b)) {
                 backs.of_patch[i as usize] = number;
                 albedo += self.lit.reflectance.0[i as usize] * self.blocks.area(k);
+                taking += self.lit.exposure.taking(i as usize) * self.blocks.area(k);
             }
             backs.area.push(block.area);
             backs.albedo.push(albedo / block.area.max(f32::MIN_POSITIVE));
+            let taking = match self.lit.exposure.stops {
+                Some(_) => taking / block.area.max(f32::MIN_POSITIVE),
+                None => Rgb::ONE,
+            };
+            backs.taking.push(taking);
             let [direct, other] = self.on_backs.of_block[b - fronts].unwrap_or_default();
             let reflected = found.halves.iter().map(|half| System::collect(half, radiosity)).sum::<Rgb>();
             backs.irradiance.push(self.base[b] + 0.5 * reflected + direct);
             backs.landed_share.push(0.5 * found.halves.iter().flat_map(|h| &h.weights).sum::<f32>());
-            backs.inflow += (other + self.base[b]).as_dvec3() * f64::from(block.area);
+            backs.inflow += ((other + self.base[b]) * taking).as_dvec3() * f64::from(block.area);
         }
         backs
     }

@@ -7,6 +7,7 @@
 //! them all: a direction that one texel drew is of use to each texel that faces it.
 
 use super::guide::{Found, Guide, NO_CLUSTER, Recipe, View};
+use crate::color::Rgb;
 use crate::sample::octahedral;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -78,9 +79,52 @@ pub struct Half {
     pub sky_weights: Vec<f32>,
     /// Directions over the hemisphere that found nothing that sends light.
     pub lost: u32,
+    /// Places of links, and of those to the sky, whose light has come through coloured panes, ascending, with the tint: what the light is
+    /// multiplied by. Few bakes have any.
+    pub tints: Vec<(u32, Rgb)>,
+    pub sky_tints: Vec<(u32, Rgb)>,
+}
+
+/// Each of `links` with its form factor and tint.
+fn tinted<'a, L>(
+    links: &'a [L],
+    weights: &'a [f32],
+    tints: &'a [(u32, Rgb)],
+) -> impl Iterator<Item = (&'a L, f32, Rgb)> {
+    let mut tints = tints.iter().peekable();
+    (0..).zip(links).zip(weights).map(move |((k, link), weight)| {
+        let tint = tints.next_if(|t| t.0 == k).map_or(Rgb::ONE, |t| t.1);
+        (link, *weight, tint)
+    })
 }
 
 impl Half {
+    /// The links with their form factors and tints.
+    pub fn seen(&self) -> impl Iterator<Item = (&Link, f32, Rgb)> {
+        tinted(&self.links, &self.weights, &self.tints)
+    }
+
+    /// The same of those to the sky.
+    pub fn sky_seen(&self) -> impl Iterator<Item = (&SkyLink, f32, Rgb)> {
+        tinted(&self.sky, &self.sky_weights, &self.sky_tints)
+    }
+
+    /// Adds a link whose light is multiplied by `tint`.
+    pub fn push(&mut self, link: Link, tint: Rgb) {
+        if tint != Rgb::ONE {
+            self.tints.push((self.links.len() as u32, tint));
+        }
+        self.links.push(link);
+    }
+
+    /// Adds one to the sky.
+    pub fn push_sky(&mut self, link: SkyLink, tint: Rgb) {
+        if tint != Rgb::ONE {
+            self.sky_tints.push((self.sky.len() as u32, tint));
+        }
+        self.sky.push(link);
+    }
+
     /// Scales the form factors so that those of all that is seen, the lost directions included, add up to 1: no light is made or lost
     /// by the noise of both strategies together.
     pub fn close(&mut self, drawn: &Drawn) {

@@ -304,7 +304,7 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
         gathered.irradiance[i] += respond::irradiance(values);
         gathered.landed_share[i] = values[LANDED];
         if field.lit.ground.casts(i) {
-            gathered.sky_inflow += respond::sky(values).as_dvec3() * f64::from(field.lit.exposure.area[i]);
+            gathered.sky_inflow += respond::sky(values).as_dvec3() * field.lit.exposure.taking_area(i);
         }
         if field.params.layers {
             let b = field.blocks.front_of[i] as usize;

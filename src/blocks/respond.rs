@@ -120,10 +120,10 @@ impl Curved {
         let mut sums = [[Rgb::ZERO; 2]; 9];
         let mut landed = [0.0f32; 9];
         for (k, half) in found.halves.iter().enumerate() {
-            for (link, weight) in half.links.iter().zip(&half.weights) {
+            for (link, weight, tint) in half.seen() {
                 let direction = link.direction();
-                let (_, w) = found.drawn.solid_angle(direction, *weight);
-                let radiance = radiosity.at(link.target()) * FRAC_1_PI;
+                let (_, w) = found.drawn.solid_angle(direction, weight);
+                let radiance = radiosity.at(link.target()) * tint * FRAC_1_PI;
                 for node in 0..9 {
                     let share = normals[node].dot(direction).max(0.0) * w;
                     sums[node][k] += radiance * share;

@@ -3,6 +3,7 @@
 use super::block::Blocks;
 use super::guide::{Aim, Found, Guide, View};
 use super::link::{Drawn, Half, Link, Sight, SkyLink};
+use crate::color::Rgb;
 use crate::light::Lit;
 use crate::light::direct::{Arriving, DirectParams, Receiver, glimpse};
 use crate::patch::{Cutter, Footprint, Ground, NONE, SurfacePoint};
@@ -85,6 +86,7 @@ pub struct Scratch<'a> {
     links: Vec<(usize, Link)>,
     halves: Vec<usize>,
     blocked: Vec<bool>,
+    tints: Vec<Rgb>,
 }
 
 impl<'a> Scratch<'a> {
@@ -103,6 +105,7 @@ impl<'a> Scratch<'a> {
             links: Vec::new(),
             halves: Vec::new(),
             blocked: Vec::new(),
+            tints: Vec::new(),
         }
     }
 }
@@ -193,7 +196,7 @@ impl Draw<'_> {
     fn hemisphere(&self, starts: &[Start], guide: Option<&Guide>, found: &mut Sampled, scratch: &mut Scratch) {
         let Lit { ground, .. } = *self.lit;
         let has_sky = self.lit.lights.sky.is_some();
-        let Scratch { rays, hits, .. } = scratch;
+        let Scratch { rays, hits, tints, .. } = scratch;
         let ray = |s: &Start| Ray {
             origin: ground.tracer.off_surface(s.point.position, s.point.normal),
             direction: frame(s.point.normal) * cosine_hemisphere([s.u[2], s.u[3]]),
@@ -202,13 +205,14 @@ impl Draw<'_> {
         rays.extend(starts.iter().map(ray));
         hits.clear();
         hits.resize(rays.len(), None);
-        ground.tracer.closest(rays, hits);
-        for ((start, ray), hit) in starts.iter().zip(&*rays).zip(&*hits) {
+        ground.tracer.closest_tinted(rays, hits, tints);
+        for (k, ((start, ray), hit)) in starts.iter().zip(&*rays).zip(&*hits).enumerate() {
+            let tint = tint(tints, k);
             let half = &mut found.halves[start.half];
             let Some(hit) = hit else {
                 if has_sky {
                     let known = guide.map_or(Found::NOTHING, |g| g.find_sky(ray.origin, ray.direction));
-                    half.sky.push(SkyLink::new(ray.direction, known));
+                    half.push_sky(SkyLink::new(ray.direction, known), tint);
                 } else {
                     half.lost += 1;
                 }
@@ -226,7 +230,7 @@ impl Draw<'_> {
                 let cos = -ray.direction.dot((b - a).cross(c - a).normalize_or_zero());
                 guide.pdf(patch, hit.t * hit.t, cos)
             });
-            half.links.push(Link::new(patch, hit.back, ray.direction, known));
+            half.push(Link::new(patch, hit.back, ray.direction, known), tint);
         }
     }
 
@@ -241,7 +245,7 @@ impl Draw<'_> {
     ) {
         let tracer = self.lit.ground.tracer;
         let sequences = [0, 1].map(|k| self.sequence(Stage::BlockArea, b, k));
-        let Scratch { rays, segments, links, halves, blocked, .. } = scratch;
+        let Scratch { rays, segments, links, halves, blocked, tints, .. } = scratch;
         segments.clear();
         links.clear();
         rays.clear();
@@ -271,13 +275,14 @@ impl Draw<'_> {
         }
         blocked.clear();
         blocked.resize(segments.len().max(rays.len()), false);
-        tracer.occluded(segments, &mut blocked[..segments.len()]);
-        for ((half, link), _) in links.iter().zip(&*blocked).filter(|(_, blocked)| !**blocked) {
-            found.halves[*half].links.push(*link);
+        tracer.occluded_tinted(segments, &mut blocked[..segments.len()], tints);
+        for (k, ((half, link), _)) in links.iter().zip(&*blocked).enumerate().filter(|(_, (_, blocked))| !**blocked) {
+            found.halves[*half].push(*link, tint(tints, k));
         }
-        tracer.occluded_rays(rays, &mut blocked[..rays.len()]);
-        for ((ray, half), _) in rays.iter().zip(&*halves).zip(&*blocked).filter(|(_, blocked)| !**blocked) {
-            found.halves[*half].sky.push(SkyLink::new(ray.direction, guide.find_sky(ray.origin, ray.direction)));
+        tracer.occluded_rays_tinted(rays, &mut blocked[..rays.len()], tints);
+        for (k, ((ray, half), _)) in rays.iter().zip(&*halves).zip(&*blocked).enumerate().filter(|(_, x)| !x.1) {
+            let link = SkyLink::new(ray.direction, guide.find_sky(ray.origin, ray.direction));
+            found.halves[*half].push_sky(link, tint(tints, k));
         }
     }
 
@@ -308,4 +313,9 @@ impl Draw<'_> {
         let block = &self.blocks.list[b];
         Sequence::new(self.seed, stage, u64::from(block.first) << 8 | u64::from(block.level) << 4 | k as u64)
     }
+}
+
+/// The tint of sample `k`: white where there are none.
+fn tint(tints: &[Rgb], k: usize) -> Rgb {
+    tints.get(k).copied().unwrap_or(Rgb::ONE)
 }

@@ -113,20 +113,27 @@ impl System<'_> {
     pub fn each_sky(&self, b: usize, k: usize, normal: Option<Vec3>, mut add: impl FnMut(Rgb)) {
         let Some(sky) = &self.lit.lights.sky else { return };
         let found = &self.sampled[b];
-        for (link, weight) in found.halves[k].sky.iter().zip(&found.halves[k].sky_weights) {
+        for (link, weight, tint) in found.halves[k].sky_seen() {
             let direction = link.direction();
-            let (mean, w) = found.drawn.solid_angle(direction, *weight);
+            let (mean, w) = found.drawn.solid_angle(direction, weight);
             let cos = normal.map_or(mean, |n| n.dot(direction));
             if cos > 0.0 {
                 let share = hemisphere_weight(self.lit.lights, self.lit.params, direction, cos);
-                add(sky.radiance(self.lit.ground.scene, direction) * (share * cos * w));
+                add(sky.radiance(self.lit.ground.scene, direction) * tint * (share * cos * w));
             }
         }
     }
 
     /// Irradiance of half `half` by links.
     pub fn collect(half: &Half, radiosity: &Radiosity) -> Rgb {
-        half.links.iter().zip(&half.weights).map(|(link, weight)| radiosity.at(link.target()) * *weight).sum()
+        // Most have no tints; what they take off is cheaper than to look for them at each link.
+        let white: Rgb =
+            half.links.iter().zip(&half.weights).map(|(l, weight)| radiosity.at(l.target()) * *weight).sum();
+        let taken = half.tints.iter().map(|&(k, tint)| {
+            let k = k as usize;
+            radiosity.at(half.links[k].target()) * (tint - Rgb::ONE) * half.weights[k]
+        });
+        white + taken.sum::<Rgb>()
     }
 
     /// Irradiance of every block after one more bounce.

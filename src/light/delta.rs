@@ -147,18 +147,18 @@ pub fn unshadowed(scene: &Scene, light: &DeltaLight, point: &SurfacePoint, u: [f
     (cos > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
 }
 
-/// Whether something that `blockers` knows stands between `point` and the light that arrives there.
-pub fn is_shadowed(tracer: &Tracer, blockers: Option<&Tracer>, point: &SurfacePoint, arrival: &Arrival) -> bool {
+/// What gets through, by channel, past all that `blockers` knows of the light that arrives at `point`.
+pub fn passing(tracer: &Tracer, blockers: Option<&Tracer>, point: &SurfacePoint, arrival: &Arrival) -> Rgb {
     let from = tracer.off_surface(point.position, point.normal);
-    let mut blocked = [false];
-    let Some(tracer) = blockers else { return false };
+    let mut passing = [Rgb::ONE];
+    let Some(tracer) = blockers else { return Rgb::ONE };
     if arrival.distance.is_finite() {
         let to = point.position + arrival.towards * arrival.distance;
-        tracer.occluded(&[Segment { from, to }], &mut blocked);
+        tracer.transmittance(&[Segment { from, to }], &mut passing);
     } else {
-        tracer.occluded_rays(&[Ray { origin: from, direction: arrival.towards }], &mut blocked);
+        tracer.transmittance_of_rays(&[Ray { origin: from, direction: arrival.towards }], &mut passing);
     }
-    blocked[0]
+    passing[0]
 }
 
 /// Inverse square law, with the window that KHR_lights_punctual gives for `range`.

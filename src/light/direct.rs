@@ -108,10 +108,8 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
         add_sky(lit, &blocks, &mut arriving, progress)?;
     }
     let mut inflow = DVec3::ZERO;
-    for (i, (a, area)) in arriving.iter().zip(&lit.exposure.area).enumerate() {
-        if lit.ground.casts(i) {
-            inflow += a.other.as_dvec3() * f64::from(*area);
-        }
+    for (i, a) in arriving.iter().enumerate().filter(|(i, _)| lit.ground.casts(*i)) {
+        inflow += a.other.as_dvec3() * lit.exposure.taking_area(i);
     }
     let rays = arriving.iter().map(|a| a.rays).sum();
     let transport: Arc<Vec<Rgb>> = Arc::new(arriving.iter().map(|a| a.transport).collect());

@@ -7,7 +7,7 @@ use crate::color::Rgb;
 use crate::contour::above_horizon;
 use crate::patch::reflectance::emission_at;
 use crate::sample::warp::triangle;
-use crate::scene::{Light, LightShape, Linked, Picture, Scene};
+use crate::scene::{Alpha, Light, LightShape, Linked, Picture, Scene};
 use glam::{Affine3A, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
@@ -60,7 +60,7 @@ pub fn polygons(scene: &Scene, shade: impl Fn(&Light) -> Option<u16>) -> Vec<Pol
             if !material.is_emissive() {
                 continue;
             }
-            let textured = material.emission_texture.is_some();
+            let textured = material.emission_texture.is_some() || material.alpha != Alpha::Opaque;
             let radiance = if textured { mean_emission(scene, s, t) } else { material.emission };
             let source = Source::Surface { surface: s, triangle: t, textured };
             all.extend(Polygon::new(scene.world_triangle(s, t).to_vec(), radiance, material.double_sided, source));

@@ -11,6 +11,7 @@
 use super::emitter::{Emitter, Shot, Sight, Way};
 use super::receiver::{Arriving, Site};
 use crate::color::Rgb;
+use crate::scene::material::mean_share;
 use crate::trace::{Ray, Segment, Tracer};
 use std::ops::Range;
 
@@ -59,7 +60,8 @@ pub(super) struct Volley {
     shots: Vec<Shot>,
     segments: Vec<Segment>,
     rays: Vec<Ray>,
-    blocked: Vec<bool>,
+    /// What gets through of each, by channel.
+    passing: Vec<Rgb>,
     /// Some are blocked by some surfaces alone.
     is_linked: bool,
 }
@@ -82,30 +84,30 @@ impl Volley {
     }
 
     fn fire(&mut self, sight: &Sight) {
-        self.blocked.clear();
-        self.blocked.resize(self.shots.len(), false);
+        self.passing.clear();
+        self.passing.resize(self.shots.len(), Rgb::ZERO);
         if self.is_linked || !(self.segments.is_empty() || self.rays.is_empty()) {
             // A cluster may hold portals beside lamps, and lamps that are linked beside others.
-            for (shot, blocked) in self.shots.iter().zip(&mut self.blocked) {
-                *blocked = is_blocked(shot, sight.lights.tracer(sight.tracer, shot.shade));
+            for (shot, passing) in self.shots.iter().zip(&mut self.passing) {
+                *passing = passing_of(shot, sight.lights.tracer(sight.tracer, shot.shade));
             }
         } else if self.rays.is_empty() {
-            sight.tracer.occluded(&self.segments, &mut self.blocked);
+            sight.tracer.transmittance(&self.segments, &mut self.passing);
         } else {
-            sight.tracer.occluded_rays(&self.rays, &mut self.blocked);
+            sight.tracer.transmittance_of_rays(&self.rays, &mut self.passing);
         }
     }
 }
 
-/// Whether a shot meets anything that `tracer` knows; without one nothing is in its way.
-fn is_blocked(shot: &Shot, tracer: Option<&Tracer>) -> bool {
-    let mut blocked = [false];
+/// What gets through of a shot past all that `tracer` knows; without one nothing is in its way.
+fn passing_of(shot: &Shot, tracer: Option<&Tracer>) -> Rgb {
+    let mut passing = [Rgb::ONE];
     match (tracer, shot.way) {
         (None, _) => {}
-        (Some(tracer), Way::To(segment)) => tracer.occluded(&[segment], &mut blocked),
-        (Some(tracer), Way::Along(ray)) => tracer.occluded_rays(&[ray], &mut blocked),
+        (Some(tracer), Way::To(segment)) => tracer.transmittance(&[segment], &mut passing),
+        (Some(tracer), Way::Along(ray)) => tracer.transmittance_of_rays(&[ray], &mut passing),
     }
-    blocked[0]
+    passing[0]
 }
 
 /// Sums over the samples of one emitter at one receiver.
@@ -114,28 +116,66 @@ struct Tally {
     tried: [f32; 2],
     seen: [Rgb; 2],
     other: Rgb,
-    /// Samples, those that reached out for the emitter, and those that saw it.
+    /// Samples, and those that reached out for the emitter.
     count: u32,
     facing: u32,
-    visible: u32,
+    /// Shares that got through to it, and their squares, added up.
+    visible: f32,
+    squares: f32,
+    /// The least and the most of what got through but for nothing and all.
+    dimmed: Option<[f32; 2]>,
+    levels: Levels,
+}
+
+/// Which kinds of shares got through.
+#[derive(Clone, Copy, Debug, Default)]
+struct Levels {
+    seen: bool,
+    blocked: bool,
+}
+
+/// Steps in which shares of light are told apart.
+const STEPS: f32 = 16.0;
+
+impl Levels {
+    /// Nothing and all are told apart for sure, and what lies between from both and from itself every other time: edges between panes
+    /// are long.
+    fn add(&mut self, passing: Rgb) {
+        let [r, g, b] = (passing * STEPS).round().to_array().map(|step| step as u32);
+        let is_seen = match passing {
+            Rgb::ONE => true,
+            Rgb::ZERO => false,
+            _ => (r ^ (g << 1) ^ (b << 2)).count_ones() % 2 == 1,
+        };
+        self.seen |= is_seen;
+        self.blocked |= !is_seen;
+    }
 }
 
 impl Tally {
-    fn add(&mut self, shot: &Shot, blocked: bool) {
+    fn add(&mut self, shot: &Shot, passing: Rgb) {
+        let share = mean_share(passing);
         self.facing += 1;
-        self.visible += u32::from(!blocked);
+        self.visible += share;
+        self.squares += share * share;
+        self.levels.add(passing);
+        if share > 0.0 && share < 1.0 {
+            let [least, most] = self.dimmed.unwrap_or([share; 2]);
+            self.dimmed = Some([least.min(share), most.max(share)]);
+        }
         for k in 0..2 {
             self.tried[k] += shot.kernel[k];
-            self.seen[k] += if blocked { Rgb::ZERO } else { shot.light[k] };
+            self.seen[k] += shot.light[k] * passing;
         }
-        if shot.is_light && !blocked {
-            self.other += shot.light[0];
+        if shot.is_light {
+            self.other += shot.light[0] * passing;
         }
     }
 
     fn ballot(&self, bit: u32) -> Ballot {
         let only = |is: bool| if is { bit } else { 0 };
-        Ballot { seen: only(self.visible > 0), blocked: only(self.visible < self.facing) }
+        let is_uneven = self.dimmed.is_some_and(|[least, most]| most - least > STEPS.recip());
+        Ballot { seen: only(self.levels.seen || is_uneven), blocked: only(self.levels.blocked || is_uneven) }
     }
 
     /// Adds the emitter's light: the visible share of what is known to arrive unoccluded, or else the mean of the samples.
@@ -158,18 +198,23 @@ impl Tally {
             return 0.0;
         }
         let p = self.share();
-        ((p * (1.0 - p)).sqrt() * light / (error * around.max(p * light))).powf(4.0 / 3.0)
+        (self.spread().sqrt() * light / (error * around.max(p * light))).powf(4.0 / 3.0)
     }
 
     /// The variance of the light from an emitter that would bring `light` unoccluded.
     fn variance(&self, light: f32) -> f32 {
-        let p = self.share();
-        p * (1.0 - p) * light * light * (self.facing.max(1) as f32).powf(-1.5)
+        self.spread() * light * light * (self.facing.max(1) as f32).powf(-1.5)
     }
 
     /// The visible share, as if one more sample had seen the emitter and one more had not: a share of the first samples is never sure.
     fn share(&self) -> f32 {
-        (self.visible + 1) as f32 / (self.facing + 2) as f32
+        (self.visible + 1.0) / (self.facing + 2) as f32
+    }
+
+    /// The variance of the share that one sample finds: p (1 - p) where it is all or nothing.
+    fn spread(&self) -> f32 {
+        let p = self.share();
+        (p * (1.0 - p) - (self.visible - self.squares) / (self.facing + 2) as f32).max(0.0)
     }
 }
 
@@ -217,8 +262,8 @@ pub(super) fn glance(
         let mut start = 0;
         for &(k, unoccluded, end) in &ends {
             let mut tally = Tally { count, ..Tally::default() };
-            for (shot, blocked) in volley.shots[start..end].iter().zip(&volley.blocked[start..end]) {
-                tally.add(shot, *blocked);
+            for (shot, passing) in volley.shots[start..end].iter().zip(&volley.passing[start..end]) {
+                tally.add(shot, *passing);
             }
             start = end;
             let (sum, ballot) = &mut all[k];
@@ -280,8 +325,8 @@ pub(super) fn examine(sight: &Sight, emitters: &[Emitter], site: &Site, look: Lo
             volley.clear();
             aim(sight, emitter, site, set, tally.count..count, volley);
             volley.fire(sight);
-            for (shot, blocked) in volley.shots.iter().zip(&volley.blocked) {
-                tally.add(shot, *blocked);
+            for (shot, passing) in volley.shots.iter().zip(&volley.passing) {
+                tally.add(shot, *passing);
             }
             tally.count = count;
             if is_close {

@@ -12,6 +12,7 @@ use super::sky::Sky;
 use crate::color::{Rgb, luminance};
 use crate::patch::SurfacePoint;
 use crate::sample::warp::cosine_hemisphere_pdf;
+use crate::scene::material::mean_share;
 use crate::trace::Ray;
 use glam::Vec3;
 
@@ -33,9 +34,9 @@ struct Tally {
     squares: f64,
     seen: f64,
     count: u32,
-    /// Samples before the horizon, and those of them that see the sky.
+    /// Samples before the horizon, and the shares of the sky that get through to them, added up.
     facing: u32,
-    visible: u32,
+    visible: f64,
 }
 
 impl Tally {
@@ -48,7 +49,7 @@ impl Tally {
             return 0.0;
         }
         // As if one more had seen it and one more had not: a share of the first samples is never sure.
-        let p = f64::from(self.visible + 1) / f64::from(self.facing + 2);
+        let p = (self.visible + 1.0) / f64::from(self.facing + 2);
         let uneven = (self.squares / n - whole * whole).max(0.0).sqrt();
         let deviation = ((p * (1.0 - p)).sqrt() * whole).hypot(p * uneven);
         let around = (self.seen / n).max(f64::from(IN_THE_DARK) * whole);
@@ -63,19 +64,18 @@ impl Tally {
         self.facing += 1;
         self.whole += level;
         self.squares += level * level;
-        let mut blocked = [false];
+        let mut passing = [Rgb::ONE];
         if let Some(tracer) = sight.lights.tracer(sight.tracer, shade) {
             let origin = sight.tracer.off_surface(point.position, point.normal);
-            tracer.occluded_rays(&[Ray { origin, direction: towards }], &mut blocked);
+            tracer.transmittance_of_rays(&[Ray { origin, direction: towards }], &mut passing);
         }
         self.arriving.rays += 1;
-        if !blocked[0] {
-            self.visible += 1;
-            self.seen += level;
-            self.arriving.transport += light[0];
-            self.arriving.other += light[0];
-            self.arriving.shown += light[1];
-        }
+        let share = f64::from(mean_share(passing[0]));
+        self.visible += share;
+        self.seen += level * share;
+        self.arriving.transport += light[0] * passing[0];
+        self.arriving.other += light[0] * passing[0];
+        self.arriving.shown += light[1] * passing[0];
     }
 
     /// A sample of a portal, which stands for `factor` of them.

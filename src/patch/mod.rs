@@ -8,6 +8,7 @@ pub mod rasterize;
 pub mod reflectance;
 pub mod region;
 pub mod sparse;
+pub mod stop;
 mod tile;
 pub mod unocclude;
 
@@ -16,6 +17,7 @@ pub use palette::Palette;
 pub use rasterize::rasterize;
 pub use reflectance::{Emission, Reflectance};
 pub use sparse::Sparse;
+pub use stop::Stops;
 
 use crate::scene::Scene;
 use crate::trace::{Hit, Tracer};

@@ -3,19 +3,21 @@
 //! Apart from [`Patches`](super::Patches): relighting changes these and keeps the geometry.
 
 use super::palette::{Builder, Palette};
-use super::{Ground, footprint::Piece};
+use super::{Ground, footprint::Piece, stop::LEAST_STOP};
 use crate::Result;
 use crate::color::Rgb;
 use crate::progress::Progress;
-use crate::scene::{Material, Mesh, Scene, TextureSlot};
+use crate::scene::material::{mean_share, passing};
+use crate::scene::{Alpha, Material, Mesh, Scene, TextureSlot};
 use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 
-/// Diffuse albedo of each patch, 0..=[`MOST_ALBEDO`].
+/// Diffuse albedo of each patch, 0..=[`MOST_ALBEDO`]: of the light that it stops, what it sends back. Where a patch lets one channel
+/// through more than another, more than [`MOST_ALBEDO`] of the mean may come back in the others.
 #[derive(Clone, Debug)]
 pub struct Reflectance(pub Palette);
 
-/// Radiance that each patch emits from its front [nit]; M = pi L.
+/// Radiance that each patch emits from its front [nit], as far as it stops light; M = pi L.
 #[derive(Clone, Debug)]
 pub struct Emission(pub Palette);
 
@@ -77,41 +79,49 @@ fn average(ground: &Ground, i: usize) -> (Rgb, Rgb) {
         return (bounded(material.albedo), material.emission);
     }
     let footprint = ground.footprint(i);
-    let (mut albedo, mut emission, mut area) = (Rgb::ZERO, Rgb::ZERO, 0.0);
+    let (mut albedo, mut emission, mut stopped, mut area) = (Rgb::ZERO, Rgb::ZERO, 0.0, 0.0);
     for piece in &footprint.pieces {
-        let (a, e) = average_piece(scene, piece);
+        let (a, e, stop) = average_piece(scene, piece);
         albedo += a * piece.area;
         emission += e * piece.area;
+        stopped += stop * piece.area;
         area += piece.area;
     }
-    if area > 0.0 { (albedo / area, emission / area) } else { (Rgb::ZERO, Rgb::ZERO) }
+    let by = stopped.max(area * LEAST_STOP);
+    if by > 0.0 { (albedo / by, emission / by) } else { (Rgb::ZERO, Rgb::ZERO) }
 }
 
 fn is_plain(mesh: &Mesh, material: &Material) -> bool {
-    mesh.colors.is_empty() && material.albedo_texture.is_none() && material.emission_texture.is_none()
+    mesh.colors.is_empty() && material.slots().next().is_none() && !material.lets_light_through()
 }
 
-fn average_piece(scene: &Scene, piece: &Piece) -> (Rgb, Rgb) {
+/// Means over a piece: what it sends back of the light that meets it, what it emits, and what it stops.
+fn average_piece(scene: &Scene, piece: &Piece) -> (Rgb, Rgb, f32) {
     let (surface, triangle) = (piece.facet.surface, piece.facet.triangle);
     let mesh = &scene.meshes[scene.surfaces[surface].mesh];
-    let material = scene.material(surface, triangle);
-    let side = [&material.albedo_texture, &material.emission_texture]
-        .into_iter()
-        .flatten()
-        .map(|slot| samples_a_side(scene, mesh, triangle, slot, piece))
-        .max()
-        .unwrap_or(2);
-    let (mut albedo, mut emission) = (Rgb::ZERO, Rgb::ZERO);
+    let (mut albedo, mut emission, mut stopped, mut n) = (Rgb::ZERO, Rgb::ZERO, 0.0, 0.0f32);
+    grid(scene, piece, |at| {
+        let (opacity, passes) = passing_at(scene, mesh, triangle, at);
+        albedo += albedo_at(scene, mesh, triangle, at) * opacity;
+        emission += emission_at(scene, mesh, triangle, at);
+        stopped += 1.0 - mean_share(passes);
+        n += 1.0;
+    });
+    (albedo / n, emission / n, stopped / n)
+}
+
+/// Calls `visit` with the corner weights of points all over a piece, as dense as the textures of its material ask for.
+pub(super) fn grid(scene: &Scene, piece: &Piece, mut visit: impl FnMut(Vec2)) {
+    let (surface, triangle) = (piece.facet.surface, piece.facet.triangle);
+    let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+    let slots = scene.material(surface, triangle).slots();
+    let side = slots.map(|slot| samples_a_side(scene, mesh, triangle, slot, piece)).max().unwrap_or(2);
     for y in 0..side {
         for x in 0..side {
             let u = [(x as f32 + 0.5) / side as f32, (y as f32 + 0.5) / side as f32];
-            let at = piece.sample(u);
-            albedo += albedo_at(scene, mesh, triangle, at);
-            emission += emission_at(scene, mesh, triangle, at);
+            visit(piece.sample(u));
         }
     }
-    let n = (side * side) as f32;
-    (albedo / n, emission / n)
 }
 
 /// So many that there is about one look-up for each texel of the picture under the piece.
@@ -159,11 +169,37 @@ pub fn too_white(scene: &Scene) -> impl Iterator<Item = &Material> {
     materials.filter(|m| m.albedo_texture.is_none() && m.albedo.max_element() > MOST_ALBEDO)
 }
 
-/// Emitted radiance at a point of a triangle [nit].
+/// Opacity at a point of a triangle, 0..=1, and the share of light, by channel, that passes there.
+pub fn passing_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> (f32, Rgb) {
+    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
+    if !material.lets_light_through() {
+        return (1.0, Rgb::ZERO);
+    }
+    let opacity = opacity_at(scene, mesh, triangle, at);
+    let tint = material.transmission_texture.as_ref();
+    let tint = tint.map_or(Rgb::ONE, |slot| look_up(scene, mesh, triangle, slot, at).truncate());
+    (opacity, passing(opacity, material.transmission * tint))
+}
+
+fn opacity_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> f32 {
+    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
+    if material.alpha == Alpha::Opaque {
+        return 1.0;
+    }
+    let mut alpha = material.opacity_slot().map_or(1.0, |slot| look_up(scene, mesh, triangle, slot, at).w);
+    if !mesh.colors.is_empty() {
+        let [a, b, c] = mesh.triangles[triangle].map(|v| mesh.colors[v as usize].w);
+        alpha *= a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
+    }
+    material.alpha.share(alpha)
+}
+
+/// Emitted radiance at a point of a triangle [nit], as far as it is opaque.
 pub fn emission_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
     let material = &scene.materials[mesh.triangle_material[triangle] as usize];
-    match &material.emission_texture {
+    let emission = match &material.emission_texture {
         Some(slot) => (material.emission * look_up(scene, mesh, triangle, slot, at).truncate()).max(Rgb::ZERO),
         None => material.emission,
-    }
+    };
+    emission * opacity_at(scene, mesh, triangle, at)
 }

@@ -9,10 +9,12 @@
 //! Nearly all patches lie in the open. So a few rays from each look around first; patches are probed where rays of their
 //! block or of one next to it met a back, and next to every block in which something buried was found.
 //!
+//! Nothing lies inside of sheets, which let light through: they are looked through here.
+//!
 //! A room that was modelled inside out sees nothing but backs everywhere: a chart that is (almost) all buried is taken as
 //! it is.
 
-use super::{Cutter, Footprint, Ground, footprint::CellMask, rasterize::morton};
+use super::{Cutter, Footprint, Ground, Patches, Stops, footprint::CellMask, rasterize::morton};
 use crate::Result;
 use crate::color::Rgb;
 use crate::progress::Progress;
@@ -45,8 +47,10 @@ const INSIDE_OUT: f64 = 0.95;
 #[derive(Clone, Debug)]
 pub struct Exposure {
     pub cells: Vec<CellMask>,
-    /// The area of each patch that is in the open [m^2]: what it receives and sends light with.
+    /// The area of each patch that is in the open and stops light [m^2]: what it receives and sends light with.
     pub area: Vec<f32>,
+    /// What patches stop of the light that meets them; none where all stop all.
+    pub stops: Option<Stops>,
     /// Rays that were traced.
     pub rays: u64,
 }
@@ -60,6 +64,26 @@ impl Exposure {
     /// Number of buried patches.
     pub fn buried_count(&self) -> usize {
         self.cells.iter().filter(|c| **c == CellMask::EMPTY).count()
+    }
+
+    /// The share of the light on a patch, 0..=1, that it stops.
+    pub fn stop(&self, patch: usize) -> f32 {
+        self.stops.as_ref().map_or(1.0, |stops| stops.share(patch))
+    }
+
+    /// What a patch stops of each channel, over the mean.
+    pub fn taking(&self, patch: usize) -> Rgb {
+        self.stops.as_ref().map_or(Rgb::ONE, |stops| stops.taking(patch))
+    }
+
+    /// The area of a patch that stops light from each channel [m^2], as far as it is in the open.
+    pub fn taking_area(&self, patch: usize) -> glam::DVec3 {
+        self.taking(patch).as_dvec3() * f64::from(self.area[patch])
+    }
+
+    /// The area with which a patch's back receives and sends light [m^2].
+    pub fn back_area(&self, patches: &Patches, patch: usize) -> f32 {
+        patches.area[patch] * self.stop(patch)
     }
 
     /// The share of a patch's cells in the open, as a grey.
@@ -107,8 +131,12 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
     }
     leave_inside_out_charts(ground, &mut cells);
     let open = |(area, cells): (&f32, &CellMask)| area * cells.0.count_ones() as f32 / 16.0;
-    let area = patches.area.iter().zip(&cells).map(open).collect();
-    Ok(Exposure { cells, area, rays })
+    let mut area: Vec<f32> = patches.area.iter().zip(&cells).map(open).collect();
+    let stops = Stops::new(ground);
+    if let Some(stops) = &stops {
+        area.iter_mut().enumerate().for_each(|(i, area)| *area *= stops.share(i));
+    }
+    Ok(Exposure { cells, area, stops, rays })
 }
 
 fn leave_inside_out_charts(ground: &Ground, cells: &mut [CellMask]) {
@@ -146,7 +174,7 @@ fn glance(ground: &Ground, blocks: &[Range<usize>], seed: u32, progress: &dyn Pr
                 }
             }
             let mut hits = vec![None; rays.len()];
-            ground.tracer.closest(&rays, &mut hits);
+            ground.tracer.closest_solid(&rays, &mut hits);
             progress.advance(batch.map(|b| blocks[b].len() as u64).sum());
             let is_back = |hit: &Option<Hit>| hit.is_some_and(|h| h.back);
             let mut found: Vec<usize> = hits.iter().zip(owner).filter(|(h, _)| is_back(h)).map(|(_, b)| b).collect();
@@ -253,7 +281,7 @@ fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mut u64) -> V
         }
         let rays: Vec<Ray> = (0..16).map(|cell| patch.ray(ground, cell, 0)).collect();
         let mut hits = vec![None; rays.len()];
-        ground.tracer.closest(&rays, &mut hits);
+        ground.tracer.closest_solid(&rays, &mut hits);
         *traced += 16;
         // Many patches beside one that lies inside something see no back at all.
         if !hits.iter().flatten().any(|h: &Hit| h.back) {
@@ -282,7 +310,7 @@ fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mut u64) -> V
 
 fn nearest(ground: &Ground, ray: &Ray, traced: &mut u64) -> Option<Hit> {
     let mut hit = [None];
-    ground.tracer.closest(std::slice::from_ref(ray), &mut hit);
+    ground.tracer.closest_solid(std::slice::from_ref(ray), &mut hit);
     *traced += 1;
     hit[0]
 }

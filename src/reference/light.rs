@@ -8,14 +8,16 @@
 use super::Strategy;
 use crate::color::{Rgb, luminance};
 use crate::light::Lights;
-use crate::light::delta::{Arrival, is_shadowed, unshadowed};
+use crate::light::delta::{Arrival, passing, unshadowed};
 use crate::light::emitter::link;
 use crate::light::polygon::{Polygon, Source};
 use crate::light::tree::Viewpoint;
+use crate::patch::reflectance::passing_at;
 use crate::patch::{Ground, NONE, SurfacePoint};
 use crate::sample::warp::cosine_hemisphere_pdf;
+use crate::scene::material::mean_share;
 use crate::trace::{Hit, Ray, Tracer};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// The lights of a scene as a path meets them.
 pub struct Emitters<'a> {
@@ -101,17 +103,17 @@ impl<'a> Emitters<'a> {
             return;
         }
         lit.rays += 1;
-        let mut blocked = [false];
+        let mut passing = [Rgb::ONE];
         if let Some(tracer) = self.lights.tracer(self.ground.tracer, polygon.shade) {
             if polygon.is_portal() {
                 let ray = Ray { origin: link.segment.from, direction: link.towards };
-                tracer.occluded_rays(&[ray], &mut blocked);
+                tracer.transmittance_of_rays(&[ray], &mut passing);
             } else {
-                tracer.occluded(&[link.segment], &mut blocked);
+                tracer.transmittance(&[link.segment], &mut passing);
             }
         }
-        if !blocked[0] {
-            let radiance = polygon.radiance_towards(self.ground.scene, to, -link.towards);
+        if passing[0] != Rgb::ZERO {
+            let radiance = polygon.radiance_towards(self.ground.scene, to, -link.towards) * passing[0];
             lit.add(radiance * (link.shown * weight / density), is_surface);
         }
     }
@@ -139,9 +141,7 @@ impl<'a> Emitters<'a> {
         let Some((color, arrival, shade)) = drawn else { return };
         lit.rays += 1;
         let blockers = self.lights.tracer(self.ground.tracer, shade);
-        if !is_shadowed(self.ground.tracer, blockers, point, &arrival) {
-            lit.add(color * total, false);
-        }
+        lit.add(color * total * passing(self.ground.tracer, blockers, point, &arrival), false);
     }
 
     fn sample_sky(&self, point: &SurfacePoint, u: [f32; 3], lit: &mut Lit) {
@@ -156,11 +156,11 @@ impl<'a> Emitters<'a> {
             return;
         }
         lit.rays += 1;
-        let mut blocked = [false];
+        let mut passing = [Rgb::ONE];
         let origin = self.ground.tracer.off_surface(point.position, point.normal);
-        self.ground.tracer.occluded_rays(&[Ray { origin, direction: towards }], &mut blocked);
-        if !blocked[0] {
-            lit.add(sky.radiance(self.ground.scene, towards) * (cos * weight / pdf), false);
+        self.ground.tracer.transmittance_of_rays(&[Ray { origin, direction: towards }], &mut passing);
+        if passing[0] != Rgb::ZERO {
+            lit.add(sky.radiance(self.ground.scene, towards) * passing[0] * (cos * weight / pdf), false);
         }
     }
 
@@ -175,8 +175,9 @@ impl<'a> Emitters<'a> {
             lit.rays += 1;
             let arrival = Arrival { towards: drawn.towards, distance: f32::INFINITY, illuminance: Rgb::ZERO };
             let blockers = self.lights.tracer(self.ground.tracer, portal.shade());
-            if !is_shadowed(self.ground.tracer, blockers, point, &arrival) {
-                let radiance = drawn.sky.radiance(self.ground.scene, drawn.towards);
+            let passing = passing(self.ground.tracer, blockers, point, &arrival);
+            if passing != Rgb::ZERO {
+                let radiance = drawn.sky.radiance(self.ground.scene, drawn.towards) * passing;
                 lit.add(radiance * (2.0 * cos * drawn.weight), false);
             }
         }
@@ -202,7 +203,16 @@ impl<'a> Emitters<'a> {
         } else {
             self.strategy.hemisphere_weight(0.0, hemisphere)
         };
-        polygon.radiance_towards(self.ground.scene, at, -direction) * weight
+        polygon.radiance_towards(self.ground.scene, at, -direction) * (weight / self.stopped(hit))
+    }
+
+    /// The share of light that ends where `hit` is: as often do rays that come there find it.
+    fn stopped(&self, hit: &Hit) -> f32 {
+        let (surface, triangle) = self.ground.tracer.place(hit.triangle);
+        let scene = self.ground.scene;
+        let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+        let (_, passes) = passing_at(scene, mesh, triangle, Vec2::from(hit.barycentric));
+        (1.0 - mean_share(passes)).max(f32::MIN_POSITIVE)
     }
 
     /// The sky's radiance on a cosine-distributed ray of `point` that escapes along `direction` (unit), as far as hemisphere

@@ -143,9 +143,9 @@ pub fn trace(lit: &Lit, params: &PathParams, progress: &dyn Progress) -> Result<
         standard_error: rgb(|t| t.standard_error),
         direct: rgb(|t| t.direct),
         landed_share: texels.iter().map(|t| t.landed_share).collect(),
-        inflow: (texels.iter().zip(&exposure.area).enumerate())
+        inflow: (texels.iter().enumerate())
             .filter(|(i, _)| lit.ground.casts(*i))
-            .map(|(_, (t, area))| t.inflow * f64::from(*area))
+            .map(|(i, t)| t.inflow * exposure.taking_area(i))
             .sum(),
         rays: texels.iter().map(|t| t.rays).sum(),
     })

@@ -61,7 +61,7 @@ struct Path {
     index: u32,
     /// The vertex it has come to.
     point: SurfacePoint,
-    /// Product of the albedos so far, and of what Russian roulette divided by.
+    /// Product of the albedos and tints so far, and of what Russian roulette divided by.
     weight: Rgb,
 }
 
@@ -124,10 +124,12 @@ impl<'a> PathTracer<'a> {
             }
         }
         let mut hits: Vec<Option<Hit>> = vec![None; rays.len()];
-        self.lit.ground.tracer.closest(&rays, &mut hits);
+        let mut tints = Vec::new();
+        self.lit.ground.tracer.closest_tinted(&rays, &mut hits, &mut tints);
         found.rays += rays.len() as u64;
         let mut going_on = Vec::new();
-        for ((path, ray), hit) in setting_out.into_iter().zip(&rays).zip(&hits) {
+        for (k, ((mut path, ray), hit)) in setting_out.into_iter().zip(&rays).zip(&hits).enumerate() {
+            path.weight *= tints.get(k).copied().unwrap_or(Rgb::ONE);
             let Some(hit) = hit else {
                 let sky = path.weight * self.emitters.escaped(&path.point, ray.direction) * PI;
                 found.add(bounce, sky, sky);

@@ -42,6 +42,27 @@ pub enum Alpha {
     },
 }
 
+impl Alpha {
+    /// The opacity, 0..=1, where the texture's alpha times the vertex colours' is `alpha`.
+    pub fn share(self, alpha: f32) -> f32 {
+        match self {
+            Self::Opaque => 1.0,
+            Self::Mask { cutoff, opacity } => f32::from(u8::from(opacity * alpha >= cutoff)),
+            Self::Blend { opacity } => (opacity * alpha).clamp(0.0, 1.0),
+        }
+    }
+}
+
+/// What passes of light, by channel, where a surface of `opacity` lets `transmission` through itself, each 0..=1.
+pub fn passing(opacity: f32, transmission: Rgb) -> Rgb {
+    Rgb::splat(1.0 - opacity) + transmission.clamp(Rgb::ZERO, Rgb::ONE) * opacity
+}
+
+/// The mean over the channels of the shares `passes`: whole shares stay whole.
+pub fn mean_share(passes: Rgb) -> f32 {
+    if passes == Rgb::splat(passes.x) { passes.x } else { passes.element_sum() / 3.0 }
+}
+
 /// A use of a texture by a material: which UVs, and how they and the values are transformed.
 #[derive(Clone, Debug)]
 pub struct TextureSlot {
@@ -94,6 +115,17 @@ impl Material {
         [&self.albedo_texture, &self.emission_texture, &self.opacity_texture, &self.transmission_texture]
             .into_iter()
             .flatten()
+    }
+
+    /// Where the alpha is read from that its factor is multiplied by: nowhere where alpha means nothing.
+    pub fn opacity_slot(&self) -> Option<&TextureSlot> {
+        let slot = self.opacity_texture.as_ref().or(self.albedo_texture.as_ref());
+        slot.filter(|_| self.alpha != Alpha::Opaque)
+    }
+
+    /// True where light may pass: holes, blended or thin surfaces.
+    pub fn lets_light_through(&self) -> bool {
+        self.alpha != Alpha::Opaque || self.transmission.max_element() > 0.0
     }
 
     /// True where the material can shine.

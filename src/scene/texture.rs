@@ -68,17 +68,22 @@ impl Texture {
 
     /// Bilinear linear RGBA at `uv` (0..1 spans the image, v down).
     pub fn sample(&self, uv: Vec2, wrap: [Wrap; 2]) -> Vec4 {
-        let (w, h) = (i64::from(self.width), i64::from(self.height));
+        Self::bilinear([self.width, self.height], uv, wrap, |x, y| self.texel(x, y))
+    }
+
+    /// The same of any picture of `size`, of which `texel` knows the texels.
+    pub fn bilinear([w, h]: [u32; 2], uv: Vec2, wrap: [Wrap; 2], texel: impl Fn(u32, u32) -> Vec4) -> Vec4 {
+        let (w, h) = (i64::from(w), i64::from(h));
         let at = uv * Vec2::new(w as f32, h as f32) - 0.5;
         let base = at.floor();
         let f = at - base;
-        let texel = |dx: i64, dy: i64| {
+        let at = |dx: i64, dy: i64| {
             let x = wrap[0].apply(base.x as i64 + dx, w);
             let y = wrap[1].apply(base.y as i64 + dy, h);
-            x.zip(y).map_or(Vec4::ZERO, |(x, y)| self.texel(x as u32, y as u32))
+            x.zip(y).map_or(Vec4::ZERO, |(x, y)| texel(x as u32, y as u32))
         };
-        let top = texel(0, 0).lerp(texel(1, 0), f.x);
-        let bottom = texel(0, 1).lerp(texel(1, 1), f.x);
+        let top = at(0, 0).lerp(at(1, 0), f.x);
+        let bottom = at(0, 1).lerp(at(1, 1), f.x);
         top.lerp(bottom, f.y)
     }
 }

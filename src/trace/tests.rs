@@ -220,3 +220,20 @@ fn walls_at_either_end_of_a_scene_share_no_box() {
         assert!(low.iter().zip(high).all(|(l, h)| h - l < 1.0), "{low:?} {high:?}");
     }
 }
+
+#[test]
+fn triangles_without_finite_corners_keep_the_others_numbers() {
+    let at = |x: f32| [Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 0.0, 0.0), Vec3::new(x, 0.0, 1.0)];
+    let mut all: Vec<[Vec3; 3]> = (0..40).map(|k| at(k as f32)).collect();
+    for k in (0..40).step_by(3) {
+        all[k] = [Vec3::NAN; 3];
+    }
+    let tracer = tracer(&all);
+    for k in 0..40 {
+        let ray = Ray { origin: Vec3::new(k as f32 + 0.3, 1.0, 0.3), direction: Vec3::NEG_Y };
+        let mut hits = [None];
+        tracer.closest(&[ray], &mut hits);
+        let found = hits[0].map(|h: Hit| h.triangle as usize);
+        assert_eq!(found, (k % 3 != 0).then_some(k));
+    }
+}

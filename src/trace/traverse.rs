@@ -180,9 +180,10 @@ fn enter(node: &Node, lane: usize, line: &Line, limit: f32) -> Option<f32> {
     (near <= far).then_some(near)
 }
 
-/// Calls `visit` for every triangle that the ray crosses, in no order.
-pub(super) fn crossings(wide: &Wide, line: &Line, mut visit: impl FnMut(u32, Crossing)) {
-    let mut stack = stack(wide);
+/// Calls `visit` for every triangle that the ray crosses, in no order, but for some of those beyond `limit` [m]; `stack` is one of
+/// [`stack`].
+pub(super) fn crossings(wide: &Wide, line: &Line, limit: f32, stack: &mut [u64], mut visit: impl FnMut(u32, Crossing)) {
+    stack[0] = 0;
     let mut top = 1;
     while top > 0 {
         top -= 1;
@@ -198,7 +199,7 @@ pub(super) fn crossings(wide: &Wide, line: &Line, mut visit: impl FnMut(u32, Cro
         }
         let node = &wide.nodes[child.index()];
         for lane in 0..WIDTH {
-            if enter(node, lane, line, f32::INFINITY).is_some() {
+            if enter(node, lane, line, limit).is_some() {
                 stack[top] = u64::from(node.children[lane].0);
                 top += 1;
             }

@@ -41,6 +41,9 @@ pub struct Elements {
     pub cluster: Vec<Cluster>,
     /// Mean albedo, 0..=1.
     pub albedo: Vec<Rgb>,
+    /// The share of the light on each that it stops, 1 but for sheets; and what it stops of each channel over that mean.
+    pub stop: Vec<f32>,
+    pub taking: Vec<Rgb>,
     /// True on the back of its surface.
     pub back: Vec<bool>,
     /// The surface that most of it belongs to.
@@ -153,6 +156,8 @@ impl Elements {
             radius: Vec::with_capacity(n),
             cluster: Vec::with_capacity(n),
             albedo: Vec::with_capacity(n),
+            stop: Vec::with_capacity(n),
+            taking: Vec::with_capacity(n),
             back: Vec::with_capacity(n),
             surface: Vec::with_capacity(n),
             front_of: vec![NONE; patches.len()],
@@ -166,8 +171,10 @@ impl Elements {
             points_each: (ALL_POINTS / n.max(1) as u32).clamp(LEAST_POINTS, MOST_POINTS).next_power_of_two(),
         };
         for (e, (back, members)) in clusters.iter().enumerate() {
-            let areas = if *back { &patches.area } else { &exposure.area };
-            let area_of = |&i: &u32| f64::from(areas[i as usize]);
+            let area_of = |&i: &u32| {
+                let i = i as usize;
+                f64::from(if *back { exposure.back_area(patches, i) } else { exposure.area[i] })
+            };
             let area: f64 = members.iter().map(area_of).sum();
             let mean = |f: &dyn Fn(usize) -> Vec3| {
                 let sum: glam::DVec3 = members.iter().map(|i| f(*i as usize).as_dvec3() * area_of(i)).sum();
@@ -184,6 +191,11 @@ impl Elements {
             all.area.push(area as f32);
             all.centre.push(centre);
             all.albedo.push(mean(&|i| reflectance.0[i]));
+            all.taking.push(exposure.stops.as_ref().map_or(Rgb::ONE, |stops| mean(&|i| stops.taking(i))));
+            all.stop.push(exposure.stops.as_ref().map_or(1.0, |stops| {
+                let whole: f64 = members.iter().map(|i| area_of(i) / f64::from(stops.share(*i as usize))).sum();
+                (area / whole.max(f64::MIN_POSITIVE)) as f32
+            }));
             all.back.push(*back);
             all.surface.push(patches.surface(members[members.len() / 2] as usize));
             for &i in members {

@@ -25,17 +25,18 @@ pub struct Probe {
 /// Probes element `i` with `count` rays.
 pub fn probe(elements: &Elements, lit: &Lit, count: u32, i: usize) -> Probe {
     let Lit { ground, lights, params, .. } = *lit;
-    let (points, rays, hits) = shoot(elements, ground, i, 0, count);
+    let (points, rays, hits, tints) = shoot(elements, ground, i, 0, count);
     let mut landed: Vec<u32> = Vec::with_capacity(rays.len());
     let mut sky = Rgb::ZERO;
-    for ((point, ray), hit) in points.iter().zip(&rays).zip(&hits) {
+    for (k, ((point, ray), hit)) in points.iter().zip(&rays).zip(&hits).enumerate() {
         match hit {
             Some(hit) => landed.extend(elements.element_under(ground, hit)),
             None => {
                 if let Some(s) = &lights.sky {
                     let cos = ray.direction.dot(point.normal);
                     let weight = hemisphere_weight(lights, params, ray.direction, cos);
-                    sky += s.radiance(ground.scene, ray.direction) * weight;
+                    let tint = tints.get(k).copied().unwrap_or(Rgb::ONE);
+                    sky += s.radiance(ground.scene, ray.direction) * tint * weight;
                 }
             }
         }
@@ -49,14 +50,14 @@ pub fn probe(elements: &Elements, lit: &Lit, count: u32, i: usize) -> Probe {
     }
 }
 
-/// Cosine-distributed rays `first..end` of element `i`, and what they hit.
+/// Cosine-distributed rays `first..end` of element `i`, what they hit, and the tints of what they see, if there are any.
 fn shoot(
     elements: &Elements,
     ground: &Ground,
     i: usize,
     first: u32,
     end: u32,
-) -> (Vec<SurfacePoint>, Vec<Ray>, Vec<Option<Hit>>) {
+) -> (Vec<SurfacePoint>, Vec<Ray>, Vec<Option<Hit>>, Vec<Rgb>) {
     let sequence = Sequence::new(elements.seed, Stage::Probe, i as u64);
     let points: Vec<SurfacePoint> = (first..end).map(|index| elements.point(ground, i, index)).collect();
     let rays: Vec<Ray> = (first..end)
@@ -67,8 +68,9 @@ fn shoot(
         })
         .collect();
     let mut hits = vec![None; rays.len()];
-    ground.tracer.closest(&rays, &mut hits);
-    (points, rays, hits)
+    let mut tints = Vec::new();
+    ground.tracer.closest_tinted(&rays, &mut hits, &mut tints);
+    (points, rays, hits, tints)
 }
 
 /// The form factor from element `i` to `j` by the share of rays that land on it, doubled until the standard error of the
@@ -76,7 +78,7 @@ fn shoot(
 pub fn form_factor(elements: &Elements, ground: &Ground, i: usize, j: usize, effort: &Effort) -> FormFactor {
     let (mut taken, mut end, mut landed) = (0u32, 64.min(effort.most_samples), 0u32);
     loop {
-        let (_, _, hits) = shoot(elements, ground, i, taken, end);
+        let (_, _, hits, _) = shoot(elements, ground, i, taken, end);
         let on_target = |hit: &&Hit| elements.element_under(ground, hit) == Some(j as u32);
         landed += hits.iter().flatten().filter(on_target).count() as u32;
         taken = end;

@@ -47,6 +47,8 @@ pub fn form_factor(
     let (outer, inner, polygons) = if i_is_outer { (i, j, outlines[1]) } else { (j, i, outlines[0]) };
     // The quadrature costs next to nothing beside the segments, so it takes little of what is allowed.
     let exact = Effort { relative_error: QUADRATURE * effort.relative_error, ..*effort };
+    // Of what is seen of an element in front of things, its outline knows; what it lets through goes on.
+    let stop = f64::from(elements.stop[inner]);
     let unoccluded = is_quick(outlines).then(|| analytic::form_factor(elements, i, j, outlines, &exact));
     if let Some(dark) = unoccluded.filter(|f| f.value <= 0.0) {
         return FormFactor { samples: 0, ..dark };
@@ -95,7 +97,7 @@ pub fn form_factor(
                 // The quadrature's error is a bound: anywhere within it, it has a third of its square for a variance.
                 (ratio * unoccluded.value, noise.hypot(ratio * unoccluded.error / 3f64.sqrt()))
             }
-            _ => (seen * scale, error_of_mean(&visible) * scale),
+            _ => (seen * scale * stop, error_of_mean(&visible) * scale * stop),
         };
         // Nothing seen says that the pair doesn't see itself: as far as can be told, to the tolerance.
         let enough =

@@ -90,9 +90,6 @@ impl Source {
                 },
             );
         }
-        if material.alpha_mode != Checked::Valid(AlphaMode::Opaque) {
-            warnings.add(&place, "alpha MASK and BLEND are not baked yet; the material was baked as opaque");
-        }
         let color = Vec4::from_array(color);
         let within = color.clamp(Vec4::ZERO, Vec4::ONE);
         if color != within {

@@ -111,7 +111,6 @@ impl Transmission {
         place: &str,
         warnings: &mut Warnings,
     ) {
-        warnings.add(place, "light that passes through the material is not followed yet; it ends there");
         let base = material.albedo_texture.clone();
         let slots: Vec<&TextureSlot> = base.iter().chain(pictures.all().map(|(_, slot)| slot)).collect();
         // Without a share that varies, the factors can be split, as long as what passes has one texture at most.

@@ -258,7 +258,7 @@ impl Materials {
             w.add(shader.path(), "a single channel feeds a colour; the texture's RGB is used");
         }
         report_metal(prim, shader, inputs, w);
-        let (alpha, opacity_texture) = self.alpha(prim, shader, inputs, &mut base, w);
+        let (alpha, opacity_texture) = self.alpha(shader, inputs, &mut base, w);
         let material = Material {
             name: prim.path().as_str().to_owned(),
             albedo: albedo.clamp(Rgb::ZERO, Rgb::ONE),
@@ -312,7 +312,6 @@ impl Materials {
     /// The alpha, and the texture that it is read from where that is not the alpha of the `base` colour's.
     fn alpha(
         &mut self,
-        prim: &Prim,
         shader: &Prim,
         inputs: &SurfaceInputs,
         base: &mut ColorInput,
@@ -334,7 +333,6 @@ impl Materials {
         let default = if mode.is_some() { 0.5 } else { 0.0 };
         let cutoff = inputs.cutoff.filter(|_| mode.is_none_or(|mode| mode == 1.0));
         let cutoff = cutoff.map_or(0.0, |name| float(shader, name, w).unwrap_or(default));
-        w.add(prim.path(), "opacity is not supported yet; the material is treated as opaque for now");
         let alpha = if cutoff > 0.0 { Alpha::Mask { cutoff, opacity } } else { Alpha::Blend { opacity } };
         let own = base.texture.as_mut();
         let is_of_base = found.output == "a"
