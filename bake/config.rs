@@ -300,7 +300,7 @@ mod tests {
         keys.extend(
             typed(
                 "--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 \
-                   --error 2% --time-budget 5 --animation walk",
+                   --error 2% --time-budget 5 --time 1.5 --animation walk",
             )
             .keys()
             .cloned(),
