@@ -51,12 +51,15 @@ impl Share {
 }
 
 /// The share of each mesh, whose surfaces are `users`. Where shown surfaces of one mesh disagree, what most of them ask for
-/// holds (of equals, what the first one does), with a warning; hidden ones follow them.
+/// holds (of equals, what the first one does), with a warning; hidden ones follow them, and of these those that don't receive
+/// the others.
 pub fn shares(scene: &Scene, users: &[Vec<usize>], warnings: &mut Warnings) -> Vec<Share> {
     let share = |users: &Vec<usize>| {
         let role = |s: usize| &scene.surfaces[s].role;
-        let any_shown = users.iter().any(|s| role(*s).is_shown());
-        let asking = || users.iter().copied().filter(|s| role(*s).is_shown() || !any_shown);
+        // Those that are shown speak first, then those whose light is wanted at all.
+        let voice = |s: usize| u8::from(role(s).is_shown()) + u8::from(role(s).receives);
+        let loudest = users.iter().map(|s| voice(*s)).max().unwrap_or(0);
+        let asking = || users.iter().copied().filter(|s| voice(*s) == loudest);
         let mut votes: Vec<(Share, usize)> = Vec::new();
         for share in asking().map(|s| Share::of(role(s))) {
             match votes.iter_mut().find(|(known, _)| *known == share) {
