@@ -1,7 +1,9 @@
 //! Roles of surfaces, in the extras of nodes; what lies below a node inherits them:
 //!
-//!     "extras": { "lumel": { "casts": false, "receives": true, "lightmapped": true, "skip": false,
-//!                            "density": 32, "densityScale": 2 } }
+//! ```json
+//! "extras": { "lumel": { "casts": false, "receives": true, "lightmapped": true, "skip": false,
+//!                        "density": 32, "densityScale": 2 } }
+//! ```
 //!
 //! `density` is in texels per metre; [`crate::scene::role`] says what the others mean.
 
