@@ -51,6 +51,7 @@ def outcome(scene: Path, root: Path, folder: Path) -> tuple[str, dict]:
 def shortened(line: str, root: Path) -> str:
     """One line, without where the folder lies, nor the places of cycles: openusd gives them in any order."""
     line = line.replace(f"{root}/", "")
+    line = re.sub(r"(the scene holds no triangles to bake) \(.*", r"\1", line)
     line = re.sub(r"(composition arc cycle) at [^;)]+", r"\1", re.sub(r"\s+", " ", line))
     return line if len(line) <= 400 else line[:397] + "..."
 

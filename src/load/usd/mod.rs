@@ -93,9 +93,10 @@ fn read_stage(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let mut walk = walk::Walk::new(stage.clone(), options, &access);
     walk.run();
     let walk::Output { scene, mut warnings, textures, remade } = walk.finish();
-    for error in stage.composition_errors() {
-        report(&error, &mut warnings);
-    }
+    // They come in any order.
+    let mut errors: Vec<_> = stage.composition_errors().into_iter().collect();
+    errors.sort_by_cached_key(ToString::to_string);
+    errors.iter().for_each(|error| report(error, &mut warnings));
     access.finish()?;
     let mut inputs: Vec<PathBuf> = Vec::new();
     let layers = stage.layer_identifiers().into_iter().map(|id| package_file(&id));
