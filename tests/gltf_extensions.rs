@@ -1,5 +1,6 @@
 //! Extensions of glTF: compressed views and pictures, variants, what passes through materials, lights and skies.
 
+mod files;
 mod glb;
 mod gltf_document;
 

@@ -1,5 +1,6 @@
 //! Skins, morph targets and animations of glTF: closed forms, and what stays of them in the baked GLB.
 
+mod files;
 mod glb;
 mod gltf_document;
 

@@ -1,6 +1,7 @@
 //! Scenes that reach where they should not, or ask for more than there is: refused by name, before memory is taken.
 #![cfg(unix)]
 
+mod files;
 mod gltf_document;
 
 use gltf_document::{Builder, Folder, TRIANGLE, one, png};

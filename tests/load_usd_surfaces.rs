@@ -1,34 +1,21 @@
 //! The USD reader's shapes, refined surfaces, times, variants, purposes and materials against stages whose answer is known.
 
+mod files;
+
+use files::{Folder, shared};
 use glam::Vec3;
 use lumel::error::Error;
 use lumel::load::{self, LoadOptions, Loaded, Purpose, Source};
 use lumel::scene::{Alpha, Material, Scene};
 use std::f64::consts::PI;
-use std::path::{Path, PathBuf};
-
-/// A folder of its own for each test, removed with it.
-struct Folder(PathBuf);
+use std::path::PathBuf;
 
 impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lumel_load_usd_surfaces_{name}_{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
     /// Writes a stage in metres, Y up.
     fn stage(&self, body: &str) -> PathBuf {
         let path = self.0.join("scene.usda");
         std::fs::write(&path, format!("#usda 1.0\n(\n metersPerUnit = 1\n upAxis = \"Y\"\n)\n{body}")).unwrap();
         path
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -466,18 +453,18 @@ fn meshes_shine_by_their_lights_inputs() {
 
 #[test]
 fn skeletons_move_what_they_hold() {
-    let skin = r#"rel skel:skeleton = </root/skel>
+    let skin = r#"rel skel:skeleton = </rig/skel>
         int[] primvars:skel:jointIndices = [0, 0, 1, 1] ( elementSize = 1 interpolation = "vertex" )
         float[] primvars:skel:jointWeights = [1, 1, 1, 1] ( elementSize = 1 interpolation = "vertex" )"#;
     let body = format!(
-        r#"def SkelRoot "root" {{
+        r#"def SkelRoot "rig" {{
     double3 xformOp:translate = (0, 0, 5)
     uniform token[] xformOpOrder = ["xformOp:translate"]
     def Skeleton "skel" {{
         uniform token[] joints = ["a", "a/b"]
         uniform matrix4d[] bindTransforms = [( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ), ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,1,0,1) )]
         uniform matrix4d[] restTransforms = [( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ), ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,1,0,1) )]
-        rel skel:animationSource = </root/anim>
+        rel skel:animationSource = </rig/anim>
     }}
     def SkelAnimation "anim" {{
         uniform token[] joints = ["a/b"]
@@ -486,11 +473,11 @@ fn skeletons_move_what_they_hold() {
         half3[] scales = [(1, 1, 1)]
     }}
     def Mesh "m" {{ {SQUARE} {skin} }}
-    def Mesh "short" {{ {SQUARE} rel skel:skeleton = </root/skel> int[] primvars:skel:jointIndices = [0, 7] ( interpolation = "vertex" ) float[] primvars:skel:jointWeights = [1] ( interpolation = "vertex" ) }}
+    def Mesh "short" {{ {SQUARE} rel skel:skeleton = </rig/skel> int[] primvars:skel:jointIndices = [0, 7] ( interpolation = "vertex" ) float[] primvars:skel:jointWeights = [1] ( interpolation = "vertex" ) }}
 }}"#
     );
     let at = |time| load_body("skel", &body, &LoadOptions { time, ..LoadOptions::default() });
-    let top = |loaded: &Loaded| bounds(&loaded.scene, surface(&loaded.scene, "/root/m")).1;
+    let top = |loaded: &Loaded| bounds(&loaded.scene, surface(&loaded.scene, "/rig/m")).1;
     assert!(top(&at(Some(1.0))).distance(Vec3::new(1.0, 2.0, 5.0)) < 1e-6);
     assert!(top(&at(Some(2.0))).distance(Vec3::new(1.0, 3.0, 5.0)) < 1e-6);
     let still = at(None);
@@ -499,17 +486,12 @@ fn skeletons_move_what_they_hold() {
 
 #[test]
 fn shared_scenes_draw_as_many_gprims_as_usd_core_does() {
-    let fallback = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
-    let shared = std::env::var_os("LUMEL_REFERENCE").map_or(fallback, PathBuf::from).join("scenes");
-    if !shared.is_dir() {
-        println!("skipped: {} is absent (set LUMEL_REFERENCE)", shared.display());
-        return;
-    }
+    let Some(shared) = shared() else { return };
     // Counted by usd-core: active, visible gprims of the default and render purpose, instances each.
     for (scene, count) in [
         ("usdwg_standard_shader_ball/StandardShaderBall/standard_shader_ball_scene.usda", 12),
         ("usdwg_foundation/test_assets/foundation/stage_composition/purpose.usda", 1),
     ] {
-        assert_eq!(load::load(&shared.join(scene)).unwrap().scene.surfaces.len(), count, "{scene}");
+        assert_eq!(load::load(&shared.join("scenes").join(scene)).unwrap().scene.surfaces.len(), count, "{scene}");
     }
 }

@@ -1,8 +1,10 @@
 //! Roles of objects: known light with blockers that don't receive and receivers that don't cast, densities on the atlas, and the
 //! same asked for by USD, glTF and `lumel.toml`, down to the files that come out.
 
+mod files;
 mod support;
 
+use files::Folder;
 use glam::Vec3;
 use lumel::illuminate::{Illuminated, illuminate};
 use lumel::load::{self, LampEdit, LoadOptions, Loaded, MaterialEdit, ObjectEdit};
@@ -15,7 +17,7 @@ use lumel::trace::{Ray, Tracer};
 use lumel::unwrap::{Atlas, Density, UnwrapParams, UvMode, unwrap};
 use serde_json::{Value, json};
 use std::f32::consts::PI;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use support::{Quad, draft, room, scene};
 
@@ -208,23 +210,7 @@ fn instances_share_the_density_that_most_ask_for() {
 
 // ---- the files ----
 
-/// A folder of one test's own, removed at its end.
-struct Folder(PathBuf);
-
 impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lumel-roles-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn write(&self, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.0.join(name);
-        std::fs::write(&path, text).unwrap();
-        path
-    }
-
     /// Runs the command in the folder; its output on success.
     fn lumel(&self, args: &[&str]) -> String {
         let output = Command::new(env!("CARGO_BIN_EXE_lumel")).args(args).current_dir(&self.0).output().unwrap();
@@ -245,12 +231,6 @@ impl Folder {
 
     fn text(&self, file: &str) -> String {
         std::fs::read_to_string(self.0.join(file)).unwrap()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 

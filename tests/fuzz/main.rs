@@ -1,5 +1,7 @@
 //! Readers fed with broken files: no panic, no hang, no memory out of proportion. See README.md beside this file.
 
+#[path = "../files/mod.rs"]
+mod files;
 #[path = "../gltf_document/mod.rs"]
 mod gltf_document;
 mod mutate;

@@ -1,39 +1,26 @@
 //! Small glTF documents that tests write, and folders for them.
 #![allow(dead_code)] // each test file uses its own share
 
+pub use crate::files::Folder;
 use lumel::load::gltf::load as load_with;
 use lumel::load::{LoadOptions, Loaded};
-use lumel::scene::Mesh;
+use lumel::scene::{Mesh, Scene};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Reads a file as it stands.
 pub fn load_gltf(path: &Path) -> lumel::Result<Loaded> {
     load_with(path, &LoadOptions::default())
 }
 
-/// A folder of its own for each test, removed at the end.
-pub struct Folder(pub PathBuf);
-
-impl Folder {
-    pub fn new(test: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lumel_load_gltf_{}_{test}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    pub fn write(&self, name: &str, bytes: &[u8]) -> PathBuf {
-        let path = self.0.join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, bytes).unwrap();
-        path
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
+/// The area of a surface [m^2].
+pub fn area(scene: &Scene, surface: usize) -> f32 {
+    let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+    let triangle = |t| {
+        let [a, b, c] = scene.world_triangle(surface, t);
+        (b - a).cross(c - a).length() / 2.0
+    };
+    (0..mesh.triangles.len()).map(triangle).sum()
 }
 
 /// A document under construction: one buffer, with a view and an accessor for each list of numbers.
