@@ -321,8 +321,7 @@ fn concentric_spheres() {
     let expected = [(0, 0, 0.0), (0, 1, 1.0), (1, 0, (r1 / r2).powi(2)), (1, 1, 1.0 - (r1 / r2).powi(2))];
     let mut cube = Hemicube::new(&HemicubeParams { points: 32, ..HemicubeParams::default() });
     let rows: Vec<Vec<(u32, f32)>> = (0..elements.len()).map(|i| cube.row(&elements, &ground, i)).collect();
-    let effort =
-        Effort { relative_error: 0.02, floor: 0.01, first_samples: 32, most_samples: 1 << 11, ..Effort::default() };
+    let effort = Effort { relative_error: 0.02, floor: 0.01, first_samples: 32, most_samples: 1 << 11 };
     for (a, b, expected) in expected {
         let by_cube = between(&elements, a, b, |i, j| share(&rows[i], j));
         let by = |method, effort: &Effort| {

@@ -159,8 +159,7 @@ fn broken_meshopt_streams_are_errors_that_name_the_view() {
     let refuse = |pointer: &str, value: Value| {
         let mut document = compressed_grid(MESHOPT);
         *document.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer}")) = value;
-        let error =
-            load_gltf(&folder.write("t.gltf", &serde_json::to_vec(&document).unwrap())).unwrap_err().to_string();
+        let error = load_gltf(&folder.write("t.gltf", serde_json::to_vec(&document).unwrap())).unwrap_err().to_string();
         assert!(error.contains("bufferViews["), "{pointer}: {error}");
         error
     };
@@ -176,7 +175,7 @@ fn broken_meshopt_streams_are_errors_that_name_the_view() {
     let mut document = compressed_grid(MESHOPT);
     document["bufferViews"][0]["extensions"][MESHOPT]["count"] = json!(1u64 << 40);
     document["bufferViews"][0]["byteLength"] = json!(12 * (1u64 << 40));
-    let error = load_gltf(&folder.write("t.gltf", &serde_json::to_vec(&document).unwrap())).unwrap_err().to_string();
+    let error = load_gltf(&folder.write("t.gltf", serde_json::to_vec(&document).unwrap())).unwrap_err().to_string();
     assert!(error.contains("too short for what it should hold"), "{error}");
 }
 
@@ -193,7 +192,7 @@ fn damaged_meshopt_streams_never_panic() {
         damaged[at] = if damaged[at] == b'/' { b'A' } else { b'/' };
         let mut document = document.clone();
         document["buffers"][0]["uri"] = json!(String::from_utf8(damaged).unwrap());
-        match load_gltf(&folder.write("t.gltf", &serde_json::to_vec(&document).unwrap())) {
+        match load_gltf(&folder.write("t.gltf", serde_json::to_vec(&document).unwrap())) {
             Ok(_) => read += 1,
             Err(_) => refused += 1,
         }
@@ -202,7 +201,7 @@ fn damaged_meshopt_streams_never_panic() {
 }
 
 fn bake(folder: &Folder, document: &Value, options: &[&str]) -> Glb {
-    let scene = folder.write("scene.gltf", &serde_json::to_vec(document).unwrap());
+    let scene = folder.write("scene.gltf", serde_json::to_vec(document).unwrap());
     let out = folder.0.join("out");
     let mut command = Command::new(env!("CARGO_BIN_EXE_lumel"));
     command.args(["bake", "--quality", "draft", "--resolution", "64", "--sky", "1", "--overwrite"]).args(options);
@@ -282,7 +281,7 @@ fn variants_by_name() {
     let paint = |v: f32| json!({ "pbrMetallicRoughness": { "metallicFactor": 0, "baseColorFactor": [v, v, v, 1] } });
     document["materials"] = json!([paint(0.1), paint(0.2), paint(0.3)]);
     document["extensionsUsed"] = json!(["KHR_materials_variants"]);
-    let path = folder.write("test.gltf", &b.gltf(document));
+    let path = folder.write("test.gltf", b.gltf(document));
     let with = |names: &[&str]| {
         let variants = names.iter().map(|n| n.to_string()).collect();
         lumel::load::load_with(&path, &LoadOptions { variants, ..LoadOptions::default() })
@@ -406,7 +405,7 @@ fn area_lights_are_rectangles_and_disks() {
     let LightShape::Disk { u, v, radiance, .. } = disk.scene.lights[0].shape else { panic!() };
     assert!((u.length() - 1.5).abs() < 1e-5 && (v.length() - 1.5).abs() < 1e-5);
     assert_eq!(radiance, Rgb::splat(1000.0));
-    let error = load_gltf(&folder.write("t.gltf", &lit(node(2), lights, json!({})))).unwrap_err().to_string();
+    let error = load_gltf(&folder.write("t.gltf", lit(node(2), lights, json!({})))).unwrap_err().to_string();
     assert!(error.contains("light 2 of EXT_lights_area"), "{error}");
 }
 
@@ -523,7 +522,7 @@ fn a_scene_without_triangles_says_why() {
     let refuse = |document: Value| {
         let mut b = Builder::default();
         b.floats(&TRIANGLE);
-        lumel::load::load(&folder.write("t.gltf", &b.gltf(document))).unwrap_err().to_string()
+        lumel::load::load(&folder.write("t.gltf", b.gltf(document))).unwrap_err().to_string()
     };
     let points = one(json!({ "attributes": { "POSITION": 0 }, "mode": 0 }));
     assert!(refuse(points).contains("points and lines have no surface"));

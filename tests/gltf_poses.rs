@@ -96,7 +96,7 @@ fn broken_skins_are_errors() {
         let mut b = Builder::default();
         let mut document = bent(&mut b);
         change(&mut document);
-        load_gltf(&folder.write("t.gltf", &b.gltf(document))).unwrap_err().to_string()
+        load_gltf(&folder.write("t.gltf", b.gltf(document))).unwrap_err().to_string()
     };
     assert!(refuse(&|d| d["skins"][0]["joints"] = json!([1])).contains("names a joint beyond the 1 of its skin"));
     assert!(refuse(&|d| d["skins"][0]["joints"] = json!([1, 9])).contains("no node"));
@@ -172,7 +172,7 @@ fn targets_of_another_length_are_errors() {
     let mut document = morphed(&mut b);
     let short = b.floats(&[[0.0, 0.0, 1.0]; 2]);
     document["meshes"][0]["primitives"][0]["targets"][0]["POSITION"] = json!(short);
-    let error = load_gltf(&folder.write("t.gltf", &b.gltf(document))).unwrap_err();
+    let error = load_gltf(&folder.write("t.gltf", b.gltf(document))).unwrap_err();
     assert!(error.to_string().contains("3 vertices and a morph target of 2"), "{error}");
 }
 

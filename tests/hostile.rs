@@ -31,7 +31,7 @@ fn write_scene(folder: &Folder, buffer: &str, picture: &str) -> PathBuf {
         folder.write(&format!("scene/{buffer}"), &bin);
     }
     folder.write("elsewhere/data.bin", &bin);
-    folder.write("scene/scene.gltf", &serde_json::to_vec(&document).unwrap())
+    folder.write("scene/scene.gltf", serde_json::to_vec(&document).unwrap())
 }
 
 fn confined(folder: &Path) -> LoadOptions {
@@ -50,7 +50,7 @@ fn lumel(arguments: &[&str]) -> Output {
 fn links_that_leave_the_folder_of_a_gltf_are_refused() {
     let folder = Folder::new("links");
     let scene = write_scene(&folder, "link.bin", "a.png");
-    folder.write("scene/a.png", &png());
+    folder.write("scene/a.png", png());
     symlink(folder.0.join("elsewhere/data.bin"), folder.0.join("scene/link.bin")).unwrap();
     let error = refusal(load_with(&scene, &LoadOptions::default()));
     assert!(error.contains("link.bin") && error.contains("outside"), "{error}");
@@ -62,7 +62,7 @@ fn links_that_leave_the_folder_of_a_gltf_are_refused() {
 fn a_confined_picture_is_an_error_and_an_unconfined_one_a_warning() {
     let folder = Folder::new("picture");
     let scene = write_scene(&folder, "data.bin", "link.png");
-    folder.write("elsewhere/secret.png", &png());
+    folder.write("elsewhere/secret.png", png());
     symlink(folder.0.join("elsewhere/secret.png"), folder.0.join("scene/link.png")).unwrap();
     let loaded = load_with(&scene, &LoadOptions::default()).unwrap();
     assert!(loaded.scene.textures.is_empty());
@@ -89,7 +89,7 @@ fn pipes_and_devices_are_no_files() {
 /// A stage in `inside/` that pulls in one thing by `line`, and a layer and a picture outside.
 fn stage(folder: &Folder, name: &str, line: &str) -> PathBuf {
     folder.write("outside/part.usda", b"#usda 1.0\n(\n defaultPrim = \"Part\"\n)\ndef Sphere \"Part\" {}\n");
-    folder.write("outside/a.png", &png());
+    folder.write("outside/a.png", png());
     let text = format!("#usda 1.0\ndef Sphere \"Ball\" {{}}\n{line}\n");
     folder.write(&format!("inside/{name}.usda"), text.as_bytes())
 }
@@ -157,7 +157,7 @@ fn a_package_of_more_entries_than_it_can_hold_is_refused() {
 fn pictures_are_measured_before_they_are_decoded() {
     let folder = Folder::new("measured");
     let scene = write_scene(&folder, "data.bin", "a.png");
-    folder.write("scene/a.png", &png());
+    folder.write("scene/a.png", png());
     let load = |options: LoadOptions| load_with(&scene, &options);
     assert_eq!(load(LoadOptions::default()).unwrap().scene.textures.len(), 1);
     assert_eq!(load(LoadOptions { max_texture: Some(2), ..LoadOptions::default() }).unwrap().scene.textures.len(), 1);
@@ -212,7 +212,7 @@ fn limits_refuse_before_the_bake() {
 fn a_settings_file_beside_a_confined_scene_reaches_no_further() {
     let folder = Folder::new("settings");
     let scene = write_scene(&folder, "data.bin", "a.png");
-    folder.write("scene/a.png", &png());
+    folder.write("scene/a.png", png());
     let inside = folder.0.join("scene");
     let unwrap = |toml: &str| {
         folder.write("scene/lumel.toml", toml.as_bytes());
@@ -244,7 +244,7 @@ fn numbers_out_of_range_never_panic() {
         let mut corners = TRIANGLE;
         corners[1] = values;
         let positions = b.floats(&corners);
-        let glb = folder.write(&format!("{name}.glb"), &b.glb(one(json!({ "attributes": { "POSITION": positions } }))));
+        let glb = folder.write(&format!("{name}.glb"), b.glb(one(json!({ "attributes": { "POSITION": positions } }))));
         let out = folder.0.join(name);
         let arguments = ["bake", glb.to_str().unwrap(), "-o", out.to_str().unwrap(), "--quality", "draft"];
         let output = lumel(&[&arguments[..], &["--resolution", "32", "--sky", "1"]].concat());

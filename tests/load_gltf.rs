@@ -229,7 +229,7 @@ fn lights_keep_their_units_and_directions() {
 #[test]
 fn materials_with_textures_from_every_place() {
     let folder = Folder::new("materials");
-    folder.write("my textures/a.png", &png());
+    folder.write("my textures/a.png", png());
     let mut b = Builder::default();
     let positions = b.floats(&TRIANGLE);
     let uvs = b.floats(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
@@ -319,7 +319,7 @@ fn the_source_is_kept_as_it_was() {
     let bin = b.bin.clone();
     let mut document = one(json!({ "attributes": { "POSITION": positions } }));
     document["extras"] = json!({ "z": 1, "a": 0.1 });
-    let path = folder.write("test.glb", &b.glb(document));
+    let path = folder.write("test.glb", b.glb(document));
     let Source::Gltf(source) = load_gltf(&path).unwrap().source else { panic!() };
     assert_eq!(source.buffers, [bin]);
     assert_eq!(source.json["extras"].to_string(), r#"{"z":1,"a":0.1}"#);
@@ -339,7 +339,7 @@ fn compressed_and_unknown_geometry_is_refused_by_name() {
         }
         let mut document: Value = serde_json::from_slice(&b.gltf(document)).unwrap();
         document[place][0]["extensions"] = json!({ name: {} });
-        load_gltf(&folder.write("test.gltf", &serde_json::to_vec(&document).unwrap()))
+        load_gltf(&folder.write("test.gltf", serde_json::to_vec(&document).unwrap()))
     };
     for (name, place) in [("KHR_draco_mesh_compression", "meshes"), ("VENDOR_bent_space", "nodes")] {
         let error = document(true, name, place).unwrap_err();
@@ -358,7 +358,7 @@ fn cycles_and_deep_trees_end() {
         let mut b = Builder::default();
         b.floats(&TRIANGLE);
         load_gltf(
-            &folder.write("t.gltf", &b.gltf(json!({ "nodes": nodes, "meshes": mesh, "scenes": [{ "nodes": scene }] }))),
+            &folder.write("t.gltf", b.gltf(json!({ "nodes": nodes, "meshes": mesh, "scenes": [{ "nodes": scene }] }))),
         )
     };
     for (nodes, scene) in [
@@ -408,7 +408,7 @@ fn huge_counts_and_offsets_are_errors() {
         let mut document: Value =
             serde_json::from_slice(&b.gltf(one(json!({ "attributes": { "POSITION": positions } })))).unwrap();
         *document.pointer_mut(pointer).unwrap() = value.clone();
-        let path = folder.write("test.gltf", &serde_json::to_vec(&document).unwrap());
+        let path = folder.write("test.gltf", serde_json::to_vec(&document).unwrap());
         let error = load_gltf(&path).expect_err(&format!("{pointer} = {value}"));
         assert!(matches!(error, Error::Invalid { .. }) && error.to_string().contains("test.gltf"), "{error}");
     }

@@ -170,7 +170,7 @@ impl Draw<'_> {
             *end -= 1;
             order[*end as usize] = at as u32;
         }
-        let surface = ground.patches.surface(self.blocks.order[block.first as usize] as usize) as u32;
+        let surface = ground.patches.surface(self.blocks.order[block.first as usize] as usize);
         let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal, surface };
         let side = if block.back { -1.0 } else { 1.0 };
         let mut last = None;

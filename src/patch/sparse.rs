@@ -87,7 +87,7 @@ mod tests {
     #[test]
     fn what_is_put_in_is_read() {
         let base: Arc<Vec<Vec3>> = Arc::new((0..1000).map(|i| Vec3::splat(i as f32)).collect());
-        let is_other = |i: usize| i == 0 || i == 999 || (130..300).contains(&i) && i % 3 > 0;
+        let is_other = |i: usize| i == 0 || i == 999 || (130..300).contains(&i) && !i.is_multiple_of(3);
         let values: Vec<Vec3> =
             (0..1000).map(|i| if is_other(i) { Vec3::X * i as f32 - 1.0 } else { base[i] }).collect();
         let sparse = Sparse::new(Arc::clone(&base), values.iter().copied());

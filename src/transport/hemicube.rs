@@ -78,7 +78,10 @@ impl Hemicube {
     /// Buffers and delta form factors.
     pub fn new(params: &HemicubeParams) -> Self {
         let n = params.resolution as usize;
-        assert!((8..=1024).contains(&n) && n % 2 == 0, "a hemicube has 8 to 1024 cells an edge, even; not {n}");
+        assert!(
+            (8..=1024).contains(&n) && n.is_multiple_of(2),
+            "a hemicube has 8 to 1024 cells an edge, even; not {n}"
+        );
         assert!(params.points > 0, "no points for a hemicube");
         let at = |k: usize| 2.0 * k as f64 / n as f64 - 1.0;
         let cells = |rows: Range<usize>, corner: &dyn Fn(f64, f64) -> f64| -> Vec<f32> {

@@ -270,7 +270,6 @@ impl Materials {
             opacity_texture,
             transmission: transmission.factor.clamp(Rgb::ZERO, Rgb::ONE),
             transmission_texture: transmission.texture,
-            ..Material::default()
         };
         Parsed { material, display_color: base.display_color }
     }
