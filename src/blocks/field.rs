@@ -2,7 +2,7 @@
 
 use super::BlockParams;
 use super::block::Blocks;
-use super::guide::Guide;
+use super::guide::{Guide, View};
 use super::link::{Sight, SkyLink};
 use super::reach::Reach;
 use super::respond::Response;
@@ -150,17 +150,7 @@ impl<'a> Field<'a> {
             let mut arriving = Vec::new();
             let view = bright.as_ref().and_then(|(guide, reach)| {
                 guide.arriving(&blocks.list[b], reach.of(b), &mut arriving);
-                let all = luminance(irradiance[b]);
-                let view = guide.view(all, &arriving)?;
-                let share = view.recipe.arriving / all.max(f32::MIN_POSITIVE);
-                let areas = if share > BRIGHT {
-                    count / 2
-                } else if share > DIM {
-                    count / 4
-                } else {
-                    0
-                };
-                (areas > 0).then_some((view, areas))
+                view(guide, luminance(irradiance[b]), &arriving, count)
             });
             let areas = view.as_ref().map_or(0, |v| v.1);
             let samples = Samples {
@@ -386,4 +376,19 @@ impl<'a> Field<'a> {
         }
         backs
     }
+}
+
+/// What a block that receives `all` [lx] (luminance), and `arriving` from each cluster, sees shine, and how many of `count` samples go
+/// there; `None` where none do.
+fn view(guide: &Guide, all: f32, arriving: &[f32], count: u32) -> Option<(View, u32)> {
+    let view = guide.view(all, arriving)?;
+    let share = view.recipe.arriving / all.max(f32::MIN_POSITIVE);
+    let areas = if share > BRIGHT {
+        count / 2
+    } else if share > DIM {
+        count / 4
+    } else {
+        0
+    };
+    (areas > 0).then_some((view, areas))
 }

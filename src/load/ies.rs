@@ -45,18 +45,7 @@ pub fn read(name: &str, bytes: &[u8], warnings: &mut Warnings) -> Result<Photome
     let mut next = |what: &str| numbers.next().ok_or_else(|| broken(&format!("{what} is missing or no number")));
     let tilt = match head {
         "NONE" => Vec::new(),
-        "INCLUDE" => {
-            // Whether the lamp stands or lies; the factors hold for either.
-            next("the lamp's position")?;
-            let count =
-                count(next("the number of tilt angles")?, MAX_ANGLES).ok_or_else(|| broken("has too many tilts"))?;
-            let angles = (0..count).map(|_| next("a tilt angle")).collect::<Result<Vec<f32>>>()?;
-            let factors = (0..count).map(|_| next("a tilt factor")).collect::<Result<Vec<f32>>>()?;
-            if !ascend(&angles) {
-                return Err(broken("its tilt angles don't ascend"));
-            }
-            angles.into_iter().map(f32::to_radians).zip(factors).map(|(a, f)| [a, f.max(0.0)]).collect()
-        }
+        "INCLUDE" => tilt(&mut next, &broken)?,
         file => {
             warnings.add(
                 format!("{name}: {file}"),
@@ -108,6 +97,19 @@ pub fn read(name: &str, bytes: &[u8], warnings: &mut Warnings) -> Result<Photome
         rated_lumens: (lumens > 0.0 && lamps > 0.0).then_some(rated),
         tilt,
     })
+}
+
+/// The factors of a tilted lamp, by angle [rad]; `next` reads a number and `broken` says what is wrong.
+fn tilt(next: &mut dyn FnMut(&str) -> Result<f32>, broken: &dyn Fn(&str) -> Error) -> Result<Vec<[f32; 2]>> {
+    // Whether the lamp stands or lies; the factors hold for either.
+    next("the lamp's position")?;
+    let count = count(next("the number of tilt angles")?, MAX_ANGLES).ok_or_else(|| broken("has too many tilts"))?;
+    let angles = (0..count).map(|_| next("a tilt angle")).collect::<Result<Vec<f32>>>()?;
+    let factors = (0..count).map(|_| next("a tilt factor")).collect::<Result<Vec<f32>>>()?;
+    if !ascend(&angles) {
+        return Err(broken("its tilt angles don't ascend"));
+    }
+    Ok(angles.into_iter().map(f32::to_radians).zip(factors).map(|(a, f)| [a, f.max(0.0)]).collect())
 }
 
 /// What follows `TILT=` on its line, and the text after that line.
