@@ -5,10 +5,11 @@ use crate::error::{Error, Result, Warnings};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
 use crate::inspect::doubts;
+use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
-use crate::post::{Lightmap, vertex::corner_colors};
+use crate::post::{LayerKind, Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Scene;
@@ -45,7 +46,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
-    report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
+    report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays + lit.layer_rays;
     report.noise = lit.gathered.noise;
     report.solver = solver_report(&lit, settings);
     report.error = lit.exchanged.map(|e| ErrorReport {
@@ -71,6 +72,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
             .add("gather none", "objects that don't cast have no elements to read; they show direct light alone");
     }
     warn_of_panes(&loaded.scene, &mut report, settings);
+    warn_of_masks(&loaded.scene, &mut report, settings);
     warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
 }
@@ -120,6 +122,16 @@ fn warn_of_panes(scene: &Scene, report: &mut Report, settings: &Settings) {
             let message =
                 "light between elements passes it without its colour; choose --gather blocks, or --method path";
             report.warnings.add(&material.name, message);
+        }
+    }
+}
+
+/// Says which lights have no shadow mask as there are too many.
+fn warn_of_masks(scene: &Scene, report: &mut Report, settings: &Settings) {
+    if settings.layers.contains(&LayerKind::ShadowMasks) {
+        for light in masked_lights(scene).1 {
+            let message = format!("has no shadow mask: there are more than {MOST_MASKS}; choose by shadow-mask");
+            report.warnings.add(&scene.lights[light].name, message);
         }
     }
 }
