@@ -35,10 +35,7 @@ const LEAST_SAMPLES: u32 = 64;
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
     let (mut report, loaded) = open(scene, folder, settings, &clock)?;
-    if !loaded.scene.has_light() {
-        let message = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun";
-        return Err(Error::invalid(loaded.path().display(), message));
-    }
+    refuse_darkness(&loaded, settings)?;
     if let Some(folder) = &settings.watch {
         watch::clear(folder)?;
     }
@@ -75,6 +72,18 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     warn_of_masks(&loaded.scene, &mut report, settings);
     warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
+}
+
+/// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
+fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
+    let scene = &loaded.scene;
+    let is_live = !scene.lights.is_empty() || scene.environment.is_some();
+    let message = match (scene.has_light(), is_live, settings.layers.is_empty()) {
+        (true, ..) | (false, true, false) => return Ok(()),
+        (false, true, true) => "every light is dynamic, so that nothing would be baked; bake some, or ask for --layers",
+        (false, false, _) => "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun",
+    };
+    Err(Error::invalid(loaded.path().display(), message))
 }
 
 /// How the light between surfaces was solved; `None` where paths were traced.
@@ -126,10 +135,14 @@ fn warn_of_panes(scene: &Scene, report: &mut Report, settings: &Settings) {
     }
 }
 
-/// Says which lights have no shadow mask as there are too many.
+/// Says which lights have no shadow mask as there are too many, or that there are none at all.
 fn warn_of_masks(scene: &Scene, report: &mut Report, settings: &Settings) {
     if settings.layers.contains(&LayerKind::ShadowMasks) {
-        for light in masked_lights(scene).1 {
+        let (masked, beyond) = masked_lights(scene);
+        if masked.is_empty() {
+            report.warnings.add("shadow-masks", "no light of the scene has a shadow mask; there are none in the pages");
+        }
+        for light in beyond {
             let message = format!("has no shadow mask: there are more than {MOST_MASKS}; choose by shadow-mask");
             report.warnings.add(&scene.lights[light].name, message);
         }
