@@ -1,7 +1,7 @@
 //! Light that settings add to a scene: sun, sky, a picture as the sky, and projectors.
 
 use crate::error::Result;
-use crate::light::parts::unlike_skies;
+use crate::light::parts::unite_skies;
 use crate::load::Loaded;
 use crate::load::image::{self, ColorSpace};
 use crate::load::pattern::glob;
@@ -52,7 +52,7 @@ pub fn add(loaded: &mut Loaded, settings: &Settings) -> Result<()> {
     for light in &mut loaded.scene.lights {
         light.contribution.mode.get_or_insert(settings.bake_lights);
     }
-    for sky in unlike_skies(&loaded.scene) {
+    for sky in unite_skies(&mut loaded.scene) {
         let message = "skies are baked as one; the group and bake mode of the first one hold for this one, too";
         loaded.warnings.add(sky, message);
     }

@@ -76,17 +76,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lights: &lights,
         params: &settings.direct_params(),
     };
-    let elements = || Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
-    let mut found = match (settings.method, settings.gather()) {
-        (Method::Path, _) => paths(&lit, &parts, elements(), settings, &dump, progress)?,
-        (Method::Radiosity, Gather::Blocks) => by_blocks(&lit, &parts, settings, &dump, progress)?,
-        (Method::Radiosity, _) => by_elements(&lit, &parts, elements(), settings, &dump, progress)?,
-    };
-    if leaves_out_sky(&parts) {
-        found.leave_out_sky();
-    }
-    let Found { direct, elements, solution, gathered, backs, exchanged, groups, left_out } = found;
+    let Found { direct, elements, solution, gathered, backs, exchanged, groups, left_out } =
+        find(&lit, settings, &dump, progress)?;
 
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
@@ -133,6 +124,21 @@ struct Found {
     groups: Vec<Group>,
     /// What arrives and is not to be shown [lx].
     left_out: Option<Vec<Rgb>>,
+}
+
+/// The light of all texels, by the method that is asked for.
+fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+    let elements = || Elements::new(lit.ground, lit.exposure, lit.reflectance, settings.element_count(), settings.seed);
+    let parts = parts(lit.ground.scene, settings.layers.contains(&LayerKind::LightGroups));
+    let mut found = match (settings.method, settings.gather()) {
+        (Method::Path, _) => paths(lit, &parts, elements(), settings, dump, progress)?,
+        (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
+        (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
+    };
+    if leaves_out_sky(&parts) {
+        found.leave_out_sky();
+    }
+    Ok(found)
 }
 
 /// True where indirect light alone is wanted of the sky.

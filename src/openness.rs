@@ -56,7 +56,7 @@ pub fn openness(lit: &Lit, params: &OpennessParams, progress: &dyn Progress) -> 
     let count = lit.ground.patches.len();
     progress.begin("openness", count as u64);
     let look = |look: &mut Look, i: usize| {
-        if i % 64 == 0 {
+        if i.is_multiple_of(64) {
             progress.check()?;
             progress.advance(64.min(count - i) as u64);
         }

@@ -399,6 +399,24 @@ fn dynamic_lights_are_as_good_as_absent() {
 }
 
 #[test]
+fn skies_are_one_source() {
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
+    let sky = |name: &str, contribution| Environment { contribution, ..Environment::constant(name, Rgb::ONE) };
+    let others = vec![sky("b", group("night")), sky("c", mode(BakeMode::Dynamic))];
+    scene.environment = Some(Environment { others, ..sky("a", mode(BakeMode::Indirect)) });
+    assert_eq!(lumel::light::parts::unite_skies(&mut scene), ["b"]);
+    let modes: Vec<BakeMode> =
+        scene.environment.iter().flat_map(Environment::each).map(|sky| sky.contribution.mode()).collect();
+    assert_eq!(modes, [BakeMode::Indirect, BakeMode::Indirect, BakeMode::Dynamic]);
+    let parts = lumel::light::parts::parts(&scene, true);
+    assert_eq!(parts.len(), 1);
+    let baked = bake(&scene, &atlas(1, 8), &asking(&[LayerKind::LightGroups]));
+    assert!(baked.lightmap.pages[0].rgb.iter().all(|c| *c == Rgb::ZERO));
+    // Of two skies of 1 nit that take part, all that falls on 4 square metres.
+    assert!((baked.energy.inflow[0] / f64::from(8.0 * PI) - 1.0).abs() < 1e-3, "{:?}", baked.energy.inflow);
+}
+
+#[test]
 fn masks_are_made_of_the_lights_that_want_them() {
     let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
     for k in 0..20 {

@@ -199,7 +199,7 @@ impl<'a> Field<'a> {
     }
 
     /// Irradiance of blocks from the sky [lx].
-    pub fn from_sky(&self) -> &[Rgb] {
+    pub fn sky_irradiance(&self) -> &[Rgb] {
         &self.base
     }
 

@@ -138,8 +138,8 @@ fn bounces(
     };
     let all = light(&field.irradiance);
     // What blocks hold of the light that is still to be shown after one more reflection.
-    let mut rest: Vec<Rgb> = field.irradiance.iter().zip(field.from_sky()).map(|(e, sky)| *e - *sky).collect();
-    let mut radiosity = field.system().radiosity(field.from_sky());
+    let mut rest: Vec<Rgb> = field.irradiance.iter().zip(field.sky_irradiance()).map(|(e, sky)| *e - *sky).collect();
+    let mut radiosity = field.system().radiosity(field.sky_irradiance());
     let mut shown = vec![show_alone(field, &system, &radiosity, false, normal)];
     while shown.len() < most.min(limit) {
         progress.check()?;

@@ -11,10 +11,10 @@ use crate::color::Rgb;
 use crate::patch::Sparse;
 use crate::progress::Progress;
 use crate::scene::contribution::UNGROUPED;
-use crate::scene::{BakeMode, Environment, Scene};
+use crate::scene::{BakeMode, Contribution, Environment, Scene};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Lights of one group and mode.
@@ -33,8 +33,8 @@ impl Part {
     }
 }
 
-/// The parts of the light of `scene`, none where all of it is one: by group where `by_group`, in the order of the groups' names, what has none last. All skies
-/// together are one: how much of them is found by brightness depends on all of them.
+/// The parts of the light of `scene`, none where all of it is one: by group where `by_group`, in the order of the groups' names, what
+/// has none last. All skies together are one: how much of them is found by brightness depends on all of them.
 pub fn parts(scene: &Scene, by_group: bool) -> Vec<Part> {
     type Key = (bool, Option<Arc<str>>, BakeMode);
     let key = |shining: Shining| -> Key {
@@ -42,12 +42,11 @@ pub fn parts(scene: &Scene, by_group: bool) -> Vec<Part> {
         let group = contribution.group.clone().filter(|_| by_group);
         (group.is_none(), group, contribution.mode())
     };
-    let mut keys: BTreeMap<Key, ()> = BTreeMap::new();
     let sky_key = first_sky(scene).map(|k| key(Shining::Sky(k)));
     let lights = (0..scene.lights.len()).map(Shining::Light);
     let glowing = (0..scene.materials.len()).filter(|&m| scene.materials[m].is_emissive()).map(Shining::Material);
-    keys.extend(lights.chain(glowing).map(&key).chain(sky_key.clone()).map(|key| (key, ())));
-    if !by_group && keys.keys().all(|key| key.2 != BakeMode::Indirect) {
+    let keys: BTreeSet<Key> = lights.chain(glowing).map(&key).chain(sky_key.clone()).collect();
+    if !by_group && keys.iter().all(|key| key.2 != BakeMode::Indirect) {
         return Vec::new();
     }
     let part = |own: Key| {
@@ -61,7 +60,7 @@ pub fn parts(scene: &Scene, by_group: bool) -> Vec<Part> {
         let (_, group, mode) = own;
         (!lights.is_empty()).then_some(Part { group, mode, lights })
     };
-    keys.into_keys().filter(|key| key.2 != BakeMode::Dynamic).filter_map(part).collect()
+    keys.into_iter().filter(|key| key.2 != BakeMode::Dynamic).filter_map(part).collect()
 }
 
 /// The first sky that takes part in the bake: the others are taken as it is.
@@ -70,14 +69,22 @@ fn first_sky(scene: &Scene) -> Option<usize> {
     skies.position(|sky| sky.contribution.mode() != BakeMode::Dynamic)
 }
 
-/// The names of skies whose group or mode differs from that of the first, by which they are all taken.
-pub fn unlike_skies(scene: &Scene) -> Vec<&str> {
-    let mut skies =
-        scene.environment.iter().flat_map(Environment::each).filter(|sky| sky.contribution.mode() != BakeMode::Dynamic);
-    let Some(first) = skies.next() else { return Vec::new() };
-    let own = (first.contribution.mode(), &first.contribution.group);
-    let unlike = skies.filter(|sky| (sky.contribution.mode(), &sky.contribution.group) != own);
-    unlike.map(|sky| sky.name.as_str()).collect()
+/// Gives all skies that take part in the bake the group and mode of the first of them, as they are baked as one. Returns the names of
+/// those that had others.
+pub fn unite_skies(scene: &mut Scene) -> Vec<String> {
+    let Some(sky) = &mut scene.environment else { return Vec::new() };
+    let mut skies: Vec<(&String, &mut Contribution)> = vec![(&sky.name, &mut sky.contribution)];
+    skies.extend(sky.others.iter_mut().map(|other| (&other.name, &mut other.contribution)));
+    let mut skies = skies.into_iter().filter(|(_, contribution)| contribution.mode() != BakeMode::Dynamic);
+    let Some((_, first)) = skies.next() else { return Vec::new() };
+    let mut unlike = Vec::new();
+    for (name, own) in skies {
+        if (own.mode(), &own.group) != (first.mode(), &first.group) {
+            unlike.push(name.clone());
+            (own.mode, own.group) = (first.mode, first.group.clone());
+        }
+    }
+    unlike
 }
 
 /// Direct light, and its parts.
