@@ -308,6 +308,10 @@ pub struct LightArgs {
     /// they are [default: mark]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["mark", "remove", "keep"]))]
     pub lights: Option<String>,
+    /// What of the light of lights is baked that say nothing about it themselves: all of it; indirect light alone, the engine adds
+    /// their direct light; or nothing [default: baked]
+    #[arg(long, value_name = "MODE", value_parser = PossibleValuesParser::new(["baked", "indirect", "dynamic"]))]
+    pub bake_lights: Option<String>,
 }
 
 /// How light between surfaces is solved.
@@ -390,9 +394,17 @@ pub struct ResultArgs {
     #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["shading", "geometric"]))]
     pub normals: Option<String>,
     /// Parts of the light as layers of the pages, separated by commas: direct, indirect, bounces (emitted, then reflected no
-    /// time, once, twice, ... before it arrives), error (the estimated standard error)
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["direct", "indirect", "bounces", "error"]))]
+    /// time, once, twice, ... before it arrives), error (the estimated standard error), emission, light-groups (the light that
+    /// each group of lights causes), shadow-masks (the visible share of each light that is not wholly baked, or else of all up to
+    /// 16); and of what surrounds a texel ao (the open share of its hemisphere), bent-normal (the mean open direction),
+    /// sky-visibility
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new([
+        "direct", "indirect", "bounces", "error", "emission", "light-groups", "shadow-masks", "ao", "bent-normal", "sky-visibility",
+    ]))]
     pub layers: Option<Vec<String>>,
+    /// How far away things occlude in the layers ao and bent-normal [m; 0: however far; default: 1]
+    #[arg(long, value_name = "METRES")]
+    pub ao_distance: Option<f32>,
     /// 32-bit float pages in place of 16-bit half [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub float: Option<bool>,

@@ -7,6 +7,7 @@ use super::failure::Failure;
 use super::print::{self, Table, count, number};
 use lumel::color::{Rgb, luminance};
 use lumel::inspect::{Inspection, LightInfo, SurfaceInfo, inspect as look};
+use lumel::scene::BakeMode;
 
 /// `lumel inspect`.
 ///
@@ -96,7 +97,8 @@ fn lights(i: &Inspection) -> String {
     let mut text = format!("lights: {}\n{}", i.lights.len(), table.text());
     for e in &i.environment {
         let picture = e.texture.as_ref().map_or_else(String::new, |(name, [w, h])| format!(", {name}, {w} x {h}"));
-        text += &format!("sky: {}, {} nit{picture}\n", e.name, triple(e.radiance, " "));
+        let part = part(e.bake, e.group.as_deref()).map_or_else(String::new, |part| format!(", {part}"));
+        text += &format!("sky: {}, {} nit{picture}{part}\n", e.name, triple(e.radiance, " "));
     }
     if i.emissive_area > 0.0 {
         text += &format!("emissive: {} m^2, {} lm\n", number(i.emissive_area), number(i.emissive_power));
@@ -128,7 +130,19 @@ fn notes(l: &LightInfo) -> String {
     if let Some(n) = l.blocking_surfaces {
         notes.push(format!("blocked by {} surfaces", count(n as u64)));
     }
+    notes.extend(part(l.bake, l.group.as_deref()));
     notes.join("; ")
+}
+
+/// What of a light is baked and its group, where either is out of the ordinary.
+fn part(bake: BakeMode, group: Option<&str>) -> Option<String> {
+    let mode = match bake {
+        BakeMode::Baked => None,
+        BakeMode::Indirect => Some("indirect light alone is baked".to_string()),
+        BakeMode::Dynamic => Some("dynamic: not baked".to_string()),
+    };
+    let parts: Vec<String> = mode.into_iter().chain(group.map(|group| format!("group {group}"))).collect();
+    (!parts.is_empty()).then(|| parts.join("; "))
 }
 
 fn totals(i: &Inspection) -> String {

@@ -1,6 +1,7 @@
 //! Light that settings add to a scene: sun, sky, a picture as the sky, and projectors.
 
 use crate::error::Result;
+use crate::light::parts::unite_skies;
 use crate::load::Loaded;
 use crate::load::image::{self, ColorSpace};
 use crate::load::pattern::glob;
@@ -47,7 +48,15 @@ pub fn add(loaded: &mut Loaded, settings: &Settings) -> Result<()> {
         picture_sky(loaded, "--environment");
         loaded.inputs.push(picture.clone());
     }
-    settings.projectors.iter().try_for_each(|projector| project(loaded, projector))
+    settings.projectors.iter().try_for_each(|projector| project(loaded, projector))?;
+    for light in &mut loaded.scene.lights {
+        light.contribution.mode.get_or_insert(settings.bake_lights);
+    }
+    for sky in unite_skies(&mut loaded.scene) {
+        let message = "skies are baked as one; the group and bake mode of the first one hold for this one, too";
+        loaded.warnings.add(sky, message);
+    }
+    Ok(())
 }
 
 /// Makes the last texture the sky.

@@ -9,6 +9,7 @@
 //! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
 //! balance says less than with geometric normals.
 
+use crate::color::Rgb;
 use crate::gather::{Backs, Gathered};
 use crate::light::{Direct, Lit};
 use crate::post::{Lightmap, Quantity};
@@ -40,6 +41,8 @@ pub struct Bake<'a> {
     pub direct: &'a Direct,
     pub backs: &'a Backs,
     pub gathered: &'a Gathered,
+    /// What arrives and is on no page, as an engine adds it [lx], by patch.
+    pub left_out: Option<&'a [Rgb]>,
 }
 
 /// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`.
@@ -104,7 +107,8 @@ fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> P
             // Filled for display; no light reaches it.
             DVec3::ZERO
         } else {
-            written_irradiance(lightmap, patches.texel(i), rho, emittance, half)
+            let left_out = bake.left_out.map_or(DVec3::ZERO, |left_out| left_out[i].as_dvec3());
+            written_irradiance(lightmap, patches.texel(i), rho, emittance, half) + left_out
         };
         power.absorbed += (bake.lit.exposure.taking_area(i) - area * rho) * irradiance;
         power.escaped += area * (1.0 - landed) * (emittance + rho * irradiance);

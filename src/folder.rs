@@ -1,13 +1,13 @@
 //! The output folder: which files a bake leaves, and their names.
 
-use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
+use crate::post::Layer;
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
-use crate::write::exr::{PageHeader, write_page};
+use crate::write::exr::{PageHeader, PageLayer, write_page};
 use crate::write::output::Staging;
 use crate::write::{Baked, GltfProfile, gltf, usd};
 use rayon::prelude::*;
@@ -73,8 +73,7 @@ fn write_pages(baked: &Baked, paths: &[PathBuf], float: bool, progress: &dyn Pro
         progress.check()?;
         let header =
             PageHeader { quantity: baked.quantity, page: number as u32, density: baked.atlas.density, scene: &scene };
-        let layers: Vec<(&str, &[Rgb])> =
-            lightmap.layers.iter().map(|l| (l.name.as_str(), l.pages[number].as_slice())).collect();
+        let layers: Vec<PageLayer> = lightmap.layers.iter().map(|layer| page_layer(layer, number)).collect();
         let clamped = write_page(path, page, &layers, &header, float)?;
         if clamped > 0 {
             let uri = &baked.page_uris[number];
@@ -82,6 +81,12 @@ fn write_pages(baked: &Baked, paths: &[PathBuf], float: bool, progress: &dyn Pro
         }
     }
     Ok(warnings)
+}
+
+/// Layer `layer` of page `page`.
+fn page_layer(layer: &Layer, page: usize) -> PageLayer<'_> {
+    let Layer { name, pages, channels, unit, .. } = layer;
+    PageLayer { name, channels: *channels, unit, values: &pages[page] }
 }
 
 /// Adds the report and moves everything into place.

@@ -42,6 +42,8 @@ pub struct Gathered {
     pub sky: Vec<Rgb>,
     /// The parts of it that were reflected once more than [`Solution::bounces`] [lx].
     pub parts: Vec<Vec<Rgb>>,
+    /// What of `indirect` each source caused that was asked for on its own [lx]: by `blocks/separate` alone.
+    pub groups: Vec<Vec<Rgb>>,
     /// Share of the rays that landed on something that can send light back.
     pub landed_share: Vec<f32>,
     /// Standard error of the gathered light over all patches, root mean square over mean irradiance (luminance).
@@ -198,6 +200,7 @@ pub fn gather(
         indirect: collected.iter().map(Collected::mean).collect(),
         sky: collected.iter().map(|c| c.sky).collect(),
         parts: (0..sources.parts.len()).map(|k| collected.iter().map(|c| c.parts[k]).collect()).collect(),
+        groups: Vec::new(),
         landed_share: collected.iter().map(|c| c.landed).collect(),
         noise,
         sky_inflow,
@@ -234,6 +237,7 @@ pub fn read_elements(
         irradiance: indirect.iter().zip(direct.shown.iter()).map(|(i, d)| *i + *d).collect(),
         standard_error: vec![Rgb::ZERO; n],
         parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
+        groups: Vec::new(),
         landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e - e % step).landed_share)).collect(),
         noise: 0.0,
         sky_inflow: (0..n).map(flux).sum(),

@@ -2,19 +2,23 @@
 //! rasterize, trace, post.
 
 use crate::Result;
-use crate::blocks::{Exchanged, exchange};
+use crate::blocks::separate::{Source, Wanted};
+use crate::blocks::{BlockParams, Exchanged, exchange};
 use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
+use crate::error::Error;
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
-use crate::light::{Direct, Lights, Lit, direct};
+use crate::light::parts::{Apart, Part, direct_apart, parts};
+use crate::light::{Direct, Lights, Lit};
 use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
-use crate::post::{Lightmap, dilate::finish, layers::layers};
+use crate::post::layers::{self, Group, layers};
+use crate::post::{LayerKind, Lightmap, dilate::finish};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
-use crate::scene::Scene;
+use crate::scene::{BakeMode, Scene};
 use crate::settings::{Gather, Method, Settings};
 use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
 use crate::trace::{Tracer, Triangles};
@@ -38,12 +42,15 @@ pub struct Illuminated {
     pub exchanged: Option<Exchanged>,
     pub lightmap: Lightmap,
     pub energy: EnergyBalance,
+    /// Rays that layers took besides.
+    pub layer_rays: u64,
 }
 
 /// Finds the light of a scene in memory on the pages of `atlas`: everything between unwrapping and writing.
 ///
 /// # Errors
-/// `Cancelled`; `Invalid` where no texel is covered, or there are too many elements for the solver; `Io` where stages can't be
+/// `Cancelled`; `Invalid` where no texel is covered, there are too many elements for the solver, or the method can't leave direct
+/// light out; `Io` where stages can't be
 /// dumped.
 pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &dyn Progress) -> Result<Illuminated> {
     let dump = Dump::new(settings.dump_stages.as_deref());
@@ -69,12 +76,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lights: &lights,
         params: &settings.direct_params(),
     };
-    let elements = || Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let Found { direct, elements, solution, gathered, backs, exchanged } = match (settings.method, settings.gather()) {
-        (Method::Path, _) => paths(&lit, elements(), settings, &dump, progress)?,
-        (Method::Radiosity, Gather::Blocks) => by_blocks(&lit, settings, &dump, progress)?,
-        (Method::Radiosity, _) => by_elements(&lit, elements(), settings, &dump, progress)?,
-    };
+    let Found { direct, elements, solution, gathered, backs, exchanged, groups, left_out } =
+        find(&lit, settings, &dump, progress)?;
 
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
@@ -87,8 +90,11 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         None => lit,
     };
     let mut lightmap = finish(&shown, &gathered.irradiance, settings.quantity);
-    lightmap.layers = layers(&shown, &direct, &gathered, &settings.layers, settings.quantity);
-    let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered };
+    let sources = layers::Sources { lit: &shown, direct: &direct, gathered: &gathered, groups: &groups };
+    let layer_rays;
+    (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
+    let left_out = left_out.as_deref();
+    let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
     let energy = balance(&bake, &lightmap, !settings.float);
     Ok(Illuminated {
         patches,
@@ -102,6 +108,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         exchanged,
         lightmap,
         energy,
+        layer_rays,
     })
 }
 
@@ -113,21 +120,85 @@ struct Found {
     gathered: Gathered,
     backs: Backs,
     exchanged: Option<Exchanged>,
+    /// Light groups, where they were asked for.
+    groups: Vec<Group>,
+    /// What arrives and is not to be shown [lx].
+    left_out: Option<Vec<Rgb>>,
+}
+
+/// The light of all texels, by the method that is asked for.
+fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+    let elements = || Elements::new(lit.ground, lit.exposure, lit.reflectance, settings.element_count(), settings.seed);
+    let parts = parts(lit.ground.scene, settings.layers.contains(&LayerKind::LightGroups));
+    let mut found = match (settings.method, settings.gather()) {
+        (Method::Path, _) => paths(lit, &parts, elements(), settings, dump, progress)?,
+        (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
+        (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
+    };
+    if leaves_out_sky(&parts) {
+        found.leave_out_sky();
+    }
+    Ok(found)
+}
+
+/// True where indirect light alone is wanted of the sky.
+fn leaves_out_sky(parts: &[Part]) -> bool {
+    parts.iter().any(|part| part.mode == BakeMode::Indirect && part.lights.sky.is_some())
+}
+
+impl Found {
+    /// Takes the light that comes straight from the sky off what is shown.
+    fn leave_out_sky(&mut self) {
+        let Gathered { irradiance, indirect, sky, .. } = &mut self.gathered;
+        let left_out = self.left_out.get_or_insert_with(|| vec![Rgb::ZERO; irradiance.len()]);
+        for (i, sky) in sky.iter_mut().enumerate() {
+            let sky = std::mem::take(sky);
+            irradiance[i] = (irradiance[i] - sky).max(Rgb::ZERO);
+            indirect[i] -= sky;
+            left_out[i] += sky;
+        }
+    }
 }
 
 /// The light by radiosity between blocks of texels.
-fn by_blocks(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
-    let direct = direct(lit, progress)?;
+fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+    let keep = settings.layers.contains(&LayerKind::LightGroups);
+    let Apart { whole: direct, left_out, each } = direct_apart(lit, parts, keep, progress)?;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
-    let (gathered, backs, exchanged) = exchange(lit, &direct, &settings.block_params(), progress)?;
+    let sources: Vec<Source> = parts.iter().zip(&each).map(|(part, direct)| source(part, direct)).collect();
+    let wanted = Wanted { sources: &sources, bounces: settings.bounce_layers() };
+    let params = settings.block_params();
+    let params = BlockParams { layers: params.layers || leaves_out_sky(parts), ..params };
+    let (mut gathered, backs, exchanged) = exchange(lit, &direct, &params, wanted, progress)?;
     dump.patches("indirect", lit.ground, |i| gathered.irradiance[i] - direct.shown[i])?;
+    let groups = light_groups(parts, &each, std::mem::take(&mut gathered.groups));
     let (elements, solution) = (Elements::default(), Solution::default());
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: Some(exchanged) })
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: Some(exchanged), groups, left_out })
+}
+
+fn source<'a>(part: &'a Part, direct: &'a Direct) -> Source<'a> {
+    Source { lights: &part.lights, direct, shows_sky: part.mode == BakeMode::Baked }
+}
+
+/// The light of each group: what its parts show of their direct light, `each`, and what they cause between surfaces.
+fn light_groups(parts: &[Part], each: &[Direct], between: Vec<Vec<Rgb>>) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for ((part, direct), mut irradiance) in parts.iter().zip(each).zip(between) {
+        if part.mode == BakeMode::Baked {
+            irradiance.iter_mut().zip(direct.shown.iter()).for_each(|(sum, direct)| *sum += *direct);
+        }
+        match groups.last_mut().filter(|group| group.name == part.group()) {
+            Some(group) => group.irradiance.iter_mut().zip(irradiance).for_each(|(sum, more)| *sum += more),
+            None => groups.push(Group { name: part.group().to_owned(), irradiance }),
+        }
+    }
+    groups
 }
 
 /// The light by radiosity between elements, and a gather.
 fn by_elements(
     lit: &Lit,
+    parts: &[Part],
     elements: Elements,
     settings: &Settings,
     dump: &Dump,
@@ -137,7 +208,7 @@ fn by_elements(
         // Backs come on top of what the settings say.
         full_matrix::refuse_too_many(elements.len())?;
     }
-    let direct = direct(lit, progress)?;
+    let Apart { whole: direct, left_out, .. } = direct_apart(lit, parts, false, progress)?;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
 
     let params = settings.solve_params(elements.len());
@@ -161,11 +232,23 @@ fn by_elements(
     dump.patches("indirect", lit.ground, |i| gathered.indirect[i])?;
     drop(probes);
     let backs = Backs::of_elements(&elements, &solution);
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None })
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out })
 }
 
 /// The light by paths. What comes straight from the sky counts as direct light here; of the elements, only the backs get light.
-fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+fn paths(
+    lit: &Lit,
+    parts: &[Part],
+    elements: Elements,
+    settings: &Settings,
+    dump: &Dump,
+    progress: &dyn Progress,
+) -> Result<Found> {
+    if !parts.is_empty() {
+        let message = "paths don't tell direct light of some lights from that of others; choose another method, or bake all \
+                       of each light";
+        return Err(Error::invalid("method path", message));
+    }
     let params = settings.path_params();
     let traced = trace(lit, &params, progress)?;
     let backs = trace_backs(lit, &elements, &params, progress)?;
@@ -183,6 +266,7 @@ fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progre
         standard_error: traced.standard_error,
         indirect,
         parts: Vec::new(),
+        groups: Vec::new(),
         landed_share: traced.landed_share,
         noise,
         sky_inflow: glam::DVec3::ZERO,
@@ -196,5 +280,5 @@ fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progre
         ..Solution::default()
     };
     let backs = Backs::of_elements(&elements, &solution);
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None })
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out: None })
 }

@@ -16,7 +16,7 @@ use crate::color::{Rgb, luminance};
 use crate::error::Warnings;
 use crate::load::Loaded;
 use crate::patch::reflectance::MOST_ALBEDO;
-use crate::scene::{Alpha, Environment, Material, Mesh, Scene, Surface, TextureSlot};
+use crate::scene::{Alpha, BakeMode, Environment, Material, Mesh, Scene, Surface, TextureSlot};
 use crate::settings::Settings;
 use crate::unwrap::{Density, Share};
 use glam::{Vec2, Vec3, Vec4};
@@ -125,6 +125,9 @@ pub struct LightInfo {
     /// How many surfaces it lights, and how many block it; none: all.
     pub lights_surfaces: Option<usize>,
     pub blocking_surfaces: Option<usize>,
+    /// What of its light is baked: `baked`, `indirect` or `dynamic`; and its light group.
+    pub bake: BakeMode,
+    pub group: Option<String>,
 }
 
 /// A measured distribution.
@@ -155,6 +158,9 @@ pub struct EnvironmentInfo {
     pub radiance: [f32; 3],
     /// Its picture and size [texels].
     pub texture: Option<(String, [u32; 2])>,
+    /// As of lights.
+    pub bake: BakeMode,
+    pub group: Option<String>,
 }
 
 /// How many texels a bake would have, about: packing is not tried.
@@ -379,7 +385,13 @@ fn bounds(scene: &Scene) -> [Vec3; 2] {
 fn environment_info(scene: &Scene, sky: &Environment) -> EnvironmentInfo {
     let texture = sky.texture.and_then(|t| scene.textures.get(t));
     let texture = texture.map(|t| (t.name.clone(), [t.width, t.height]));
-    EnvironmentInfo { name: sky.name.clone(), radiance: sky.radiance.to_array(), texture }
+    EnvironmentInfo {
+        name: sky.name.clone(),
+        radiance: sky.radiance.to_array(),
+        texture,
+        bake: sky.contribution.mode(),
+        group: sky.contribution.group.as_deref().map(str::to_owned),
+    }
 }
 
 #[cfg(test)]

@@ -6,10 +6,14 @@
 
 use crate::error::{Error, Result};
 use crate::inspect;
+use crate::light::mask::masked_lights;
 use crate::load::Loaded;
+use crate::post::LayerKind;
 use crate::report::peak_memory;
+use crate::scene::{Environment, Scene};
 use crate::settings::{Gather, Settings};
 use crate::unwrap::Atlas;
+use std::collections::BTreeSet;
 
 /// Memory of a texel [bytes], and that of its links at an error of 1 %, which grows with the reciprocal of the error.
 /// Measured on the Cornell box: 228 in all at 5 %, 280 at 2 %, 437 at 1 %.
@@ -19,8 +23,10 @@ const LINK_BYTES: f64 = 300.0;
 /// Memory of a triangle [bytes]: the tree, its UVs while they are made, and the written geometry.
 const TRIANGLE_BYTES: f64 = 600.0;
 
-/// Memory of a texel of a page [bytes]: what is written, with its layers.
+/// Memory of a texel of a page [bytes]: what is written; and what it takes in each layer, and while light is told apart for one.
 const PAGE_BYTES: f64 = 16.0;
+const LAYER_BYTES: f64 = 12.0;
+const APART_BYTES: f64 = 36.0;
 
 /// Refuses a scene by the texels and memory that a bake would take, about, before it is unwrapped.
 ///
@@ -54,7 +60,10 @@ fn check(loaded: &Loaded, texels: u64, page_texels: u64, settings: &Settings) ->
     let Some(most) = settings.max_memory else { return Ok(()) };
     let triangles = loaded.scene.triangle_count() as f64;
     let held = peak_memory().unwrap_or(0);
-    let work = texels as f64 * texel_bytes(settings) + page_texels as f64 * PAGE_BYTES + triangles * TRIANGLE_BYTES;
+    let (layers, apart) = layer_counts(&loaded.scene, settings);
+    let work = texels as f64 * (texel_bytes(settings) + apart as f64 * APART_BYTES)
+        + page_texels as f64 * (PAGE_BYTES + layers as f64 * LAYER_BYTES)
+        + triangles * TRIANGLE_BYTES;
     let bytes = held.saturating_add(work as u64);
     if bytes > most {
         let message = format!(
@@ -67,6 +76,24 @@ fn check(loaded: &Loaded, texels: u64, page_texels: u64, settings: &Settings) ->
         return Err(Error::invalid("--max-memory", message));
     }
     Ok(())
+}
+
+/// How many layers pages will have, at most, and how many of them are light that is told apart.
+fn layer_counts(scene: &Scene, settings: &Settings) -> (usize, usize) {
+    let groups = || {
+        let lights = scene.lights.iter().map(|l| &l.contribution);
+        let skies = scene.environment.iter().flat_map(Environment::each).map(|sky| &sky.contribution);
+        let glows = scene.materials.iter().filter(|m| m.is_emissive()).map(|m| &m.contribution);
+        lights.chain(skies).chain(glows).map(|c| &c.group).collect::<BTreeSet<_>>().len()
+    };
+    let count = |kind: &LayerKind| match kind {
+        LayerKind::Bounces => (settings.bounce_layers() + 3, settings.bounce_layers() + 1),
+        LayerKind::LightGroups => (groups(), groups()),
+        LayerKind::ShadowMasks => (masked_lights(scene).0.len(), 1),
+        LayerKind::Ao | LayerKind::BentNormal | LayerKind::SkyVisibility => (1, 1),
+        LayerKind::Direct | LayerKind::Indirect | LayerKind::Error | LayerKind::Emission => (1, 0),
+    };
+    settings.layers.iter().map(count).fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
 }
 
 /// Memory that a texel takes at the error that is asked for [bytes].

@@ -5,10 +5,11 @@ use crate::error::{Error, Result, Warnings};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
 use crate::inspect::doubts;
+use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
-use crate::post::{Lightmap, vertex::corner_colors};
+use crate::post::{LayerKind, Lightmap, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Scene;
@@ -34,10 +35,7 @@ const LEAST_SAMPLES: u32 = 64;
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
     let (mut report, loaded) = open(scene, folder, settings, &clock)?;
-    if !loaded.scene.has_light() {
-        let message = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun";
-        return Err(Error::invalid(loaded.path().display(), message));
-    }
+    refuse_darkness(&loaded, settings)?;
     if let Some(folder) = &settings.watch {
         watch::clear(folder)?;
     }
@@ -45,7 +43,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
-    report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays;
+    report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays + lit.layer_rays;
     report.noise = lit.gathered.noise;
     report.solver = solver_report(&lit, settings);
     report.error = lit.exchanged.map(|e| ErrorReport {
@@ -71,8 +69,21 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
             .add("gather none", "objects that don't cast have no elements to read; they show direct light alone");
     }
     warn_of_panes(&loaded.scene, &mut report, settings);
+    warn_of_masks(&loaded.scene, &mut report, settings);
     warn_of_doubts(&mut report, settings);
     finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
+}
+
+/// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
+fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
+    let scene = &loaded.scene;
+    let is_live = !scene.lights.is_empty() || scene.environment.is_some();
+    let message = match (scene.has_light(), is_live, settings.layers.is_empty()) {
+        (true, ..) | (false, true, false) => return Ok(()),
+        (false, true, true) => "every light is dynamic, so that nothing would be baked; bake some, or ask for --layers",
+        (false, false, _) => "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun",
+    };
+    Err(Error::invalid(loaded.path().display(), message))
 }
 
 /// How the light between surfaces was solved; `None` where paths were traced.
@@ -120,6 +131,20 @@ fn warn_of_panes(scene: &Scene, report: &mut Report, settings: &Settings) {
             let message =
                 "light between elements passes it without its colour; choose --gather blocks, or --method path";
             report.warnings.add(&material.name, message);
+        }
+    }
+}
+
+/// Says which lights have no shadow mask as there are too many, or that there are none at all.
+fn warn_of_masks(scene: &Scene, report: &mut Report, settings: &Settings) {
+    if settings.layers.contains(&LayerKind::ShadowMasks) {
+        let (masked, beyond) = masked_lights(scene);
+        if masked.is_empty() {
+            report.warnings.add("shadow-masks", "no light of the scene has a shadow mask; there are none in the pages");
+        }
+        for light in beyond {
+            let message = format!("has no shadow mask: there are more than {MOST_MASKS}; choose by shadow-mask");
+            report.warnings.add(&scene.lights[light].name, message);
         }
     }
 }

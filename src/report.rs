@@ -2,11 +2,14 @@
 
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
+use crate::post::Layer;
 use crate::progress::Progress;
+use crate::scene::{BakeMode, Contribution, Environment};
 use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
+use crate::write::exr::channel_names;
 use cpu_time::ProcessTime;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -23,6 +26,11 @@ pub struct Report {
     pub settings: Settings,
     pub surfaces: Vec<SurfaceReport>,
     pub pages: Vec<PageReport>,
+    /// What pages hold beside the whole.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub layers: Vec<LayerReport>,
+    /// Lights, and skies, whose light adds up.
+    pub lights: Vec<LightReport>,
     /// Texels per metre.
     pub density: f32,
     /// Covered texels, those of hidden pages included.
@@ -96,6 +104,29 @@ pub struct PageReport {
     pub height: u32,
     /// Share of the texels that are covered at least in part.
     pub utilisation: Option<f64>,
+}
+
+/// A layer of the pages.
+#[derive(Clone, Debug, Serialize)]
+pub struct LayerReport {
+    pub name: String,
+    /// Its channels in the pages.
+    pub channels: Vec<String>,
+    /// `1` for shares and directions.
+    pub unit: &'static str,
+    /// The light or group that it is of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub of: Option<String>,
+}
+
+/// What was baked of a light.
+#[derive(Clone, Debug, Serialize)]
+pub struct LightReport {
+    pub name: String,
+    /// `baked`, `indirect` or `dynamic`: [`crate::scene::contribution`].
+    pub bake: BakeMode,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
 }
 
 /// Time a stage took.
@@ -176,6 +207,21 @@ impl Report {
             }
         };
         self.surfaces = (0..scene.surfaces.len()).map(describe).collect();
+        let light = |(name, contribution): (&String, &Contribution)| LightReport {
+            name: name.clone(),
+            bake: contribution.mode(),
+            group: contribution.group.as_deref().map(str::to_owned),
+        };
+        let skies = scene.environment.iter().flat_map(Environment::each).map(|sky| (&sky.name, &sky.contribution));
+        self.lights = scene.lights.iter().map(|l| (&l.name, &l.contribution)).chain(skies).map(light).collect();
+        let layers = baked.lightmap.iter().flat_map(|lightmap| &lightmap.layers);
+        let layer = |l: &Layer| LayerReport {
+            name: l.name.clone(),
+            channels: channel_names(&l.name, l.channels),
+            unit: l.unit,
+            of: l.of.clone(),
+        };
+        self.layers = layers.map(layer).collect();
         self.pages = (atlas.pages.iter().take(atlas.shown_pages).enumerate())
             .map(|(page, &[width, height])| {
                 let coverage = baked.lightmap.map(|l| l.pages[page].coverage.iter().filter(|c| **c > 0.0).count());

@@ -11,8 +11,10 @@ use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
+use crate::post::layers::LayerParams;
 use crate::post::{LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
+use crate::scene::BakeMode;
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
@@ -65,6 +67,8 @@ pub struct Settings {
     pub method: Method,
     /// Parts of the light that pages hold as layers of their own.
     pub layers: Vec<LayerKind>,
+    /// How far away things occlude in the layers ao and bent-normal [m]; 0: however far; none: 1.
+    pub ao_distance: Option<f32>,
     /// 32-bit pages in place of half.
     pub float: bool,
     pub solver: Solver,
@@ -104,6 +108,8 @@ pub struct Settings {
     /// Forms of the GLB; none: engine and vertex.
     pub gltf: Option<Vec<GltfProfile>>,
     pub lights: BakedLights,
+    /// What of the light of lights is baked that say nothing about it; skies and emissive materials are always baked then.
+    pub bake_lights: BakeMode,
     /// Pictures that lights are to throw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub projectors: Vec<ProjectorSetting>,
@@ -222,7 +228,10 @@ const MOST_SAMPLES: u32 = 4096;
 /// Shots or sweeps at most.
 const MOST_ITERATIONS: u64 = 1_000_000_000;
 
-/// Bounces that `--layers bounces` tells apart between elements, at most; the last holds the rest.
+/// Distance at which things occlude by default [m]: what lies further away, an indoor scene's walls, would blacken it throughout.
+const AO_DISTANCE: f32 = 1.0;
+
+/// Bounces that `--layers bounces` tells apart, at most; the last holds the rest.
 const MOST_BOUNCE_LAYERS: usize = 12;
 
 /// Estimated remaining change of each surface's mean radiosity, relative to it, at which the solver ends.
@@ -388,7 +397,7 @@ impl Settings {
             link_error: self.link_error.unwrap_or(preset.link_error),
             overshoot: self.overshoot,
             ambient: self.ambient,
-            bounces: if self.layers.contains(&LayerKind::Bounces) { MOST_BOUNCE_LAYERS } else { 0 },
+            bounces: self.bounce_layers(),
         }
     }
 
@@ -426,7 +435,6 @@ impl Settings {
             || self.ambient
             || self.samples.is_some()
             || self.watch.is_some()
-            || self.layers.contains(&LayerKind::Bounces)
     }
 
     /// The error that blocks aim at: a share, not a percentage.
@@ -454,6 +462,23 @@ impl Settings {
     /// The final gather's parameters.
     pub fn gather_params(&self) -> GatherParams {
         GatherParams { samples: self.gather_samples() }
+    }
+
+    /// Bounces that layers tell apart, at most.
+    pub fn bounce_layers(&self) -> usize {
+        if self.layers.contains(&LayerKind::Bounces) { MOST_BOUNCE_LAYERS } else { 0 }
+    }
+
+    /// What is asked of layers.
+    pub fn layer_params(&self) -> LayerParams {
+        let distance = self.ao_distance.unwrap_or(AO_DISTANCE);
+        LayerParams {
+            wanted: self.layers.clone(),
+            quantity: self.quantity,
+            samples: self.quality.preset().gather_samples,
+            ao_distance: (distance > 0.0).then_some(distance),
+            seed: self.seed,
+        }
     }
 
     /// The path tracer's parameters.

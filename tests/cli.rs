@@ -371,7 +371,7 @@ fn an_error_or_time_that_cannot_be_had_is_refused() {
         (&["--error", "2%", "--gather", "none"], "--error"),
         (&["--error", "2%", "--samples", "16"], "--error"),
         (&["--error", "2%", "--elements", "100"], "--error"),
-        (&["--error", "2%", "--layers", "bounces"], "--error"),
+        (&["--error", "2%", "--layers", "light-groups", "--gather", "final"], "--layers"),
         (&["--error", "2%", "--method", "path"], "--error"),
         (&["--time-budget", "0"], "0.1 to 1000000"),
         (&["--time-budget", "5", "--gather", "final"], "--time-budget"),

@@ -358,7 +358,7 @@ fn the_config_goes_before_the_file_and_later_tables_before_earlier_ones() {
         double_sided: Some(true),
         ..MaterialEdit::default()
     }];
-    options.edits.lamps = vec![LampEdit { name: "Lamp".into(), scale: Some(3.0), skip: None }];
+    options.edits.lamps = vec![LampEdit { name: "Lamp".into(), scale: Some(3.0), ..LampEdit::default() }];
     let loaded = load::load_with(&path, &options).unwrap();
     let role = |name: &str| names(&loaded).into_iter().find(|(n, _)| n == name).map(|(_, role)| role);
     assert_eq!(role("Floor"), Some(Role::default()));
@@ -425,7 +425,7 @@ fn a_lamp_and_a_sky_can_be_left_to_the_engine() {
     let f = Folder::new("lamps");
     let dome = "def DomeLight \"Sky\" {\n float inputs:intensity = 5\n}\n";
     let path = f.write("a.usda", usd_of_roles() + dome);
-    let lamp = |name: &str, skip, scale| LampEdit { name: name.into(), skip, scale };
+    let lamp = |name: &str, skip, scale| LampEdit { name: name.into(), skip, scale, ..LampEdit::default() };
     let with = |lamps: Vec<LampEdit>| {
         let mut options = LoadOptions::default();
         options.edits.lamps = lamps;

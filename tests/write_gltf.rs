@@ -11,7 +11,9 @@ use lumel::load::gltf::GltfSource;
 use lumel::load::usd::UsdSource;
 use lumel::post::vertex::CornerColors;
 use lumel::post::{Lightmap, PageImage, Quantity};
-use lumel::scene::{Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin, UvSet};
+use lumel::scene::{
+    BakeMode, Environment, Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin, UvSet,
+};
 use lumel::unwrap::{Atlas, MeshUvs, Placement};
 use lumel::write::GltfProfile;
 use lumel::write::{Baked, BakedLights};
@@ -307,6 +309,46 @@ fn baked_lights_are_marked_removed_or_kept() {
     assert!(glb.json["extensions"].get("KHR_lights_punctual").is_none());
     bake.lights = BakedLights::Keep;
     assert_eq!(bake.write(GltfProfile::Engine).json["nodes"][2], source().json["nodes"][2]);
+}
+
+#[test]
+fn lights_that_are_baked_in_part_stay_and_say_what_is_left() {
+    let mut bake = Bake::new(false);
+    for lights in [BakedLights::Mark, BakedLights::Remove] {
+        bake.lights = lights;
+        bake.scene.lights[0].contribution.mode = Some(BakeMode::Indirect);
+        let glb = bake.write(GltfProfile::Engine);
+        let left = json!({ "bake": "indirect", "realtime": "direct" });
+        assert_eq!(glb.json["nodes"][2]["extras"]["lumel"], left);
+        assert_eq!(glb.json["nodes"][2]["extensions"], source().json["nodes"][2]["extensions"]);
+        assert_eq!(glb.json["extensions"]["KHR_lights_punctual"]["lights"][0]["extras"]["lumel"], left);
+        bake.scene.lights[0].contribution.mode = Some(BakeMode::Dynamic);
+        assert_eq!(bake.write(GltfProfile::Engine).json["nodes"][2], source().json["nodes"][2]);
+    }
+}
+
+#[test]
+fn the_sky_that_is_baked_is_marked_or_removed() {
+    const SKY: &str = "EXT_lights_image_based";
+    let mut source = source();
+    source.json["extensions"][SKY] = json!({ "lights": [{ "irradianceCoefficients": [] }] });
+    source.json["scenes"][0]["extensions"] = json!({ SKY: { "light": 0 } });
+    source.json["extensionsUsed"].as_array_mut().unwrap().push(SKY.into());
+    let mut bake = Bake { source: Source::Gltf(source), ..Bake::new(false) };
+    bake.scene.environment = Some(Environment::constant("sky", Rgb::ONE));
+    let glb = bake.write(GltfProfile::Engine);
+    assert_eq!(glb.json["extensions"][SKY]["lights"][0]["extras"]["lumel"], json!({ "baked": true }));
+    bake.lights = BakedLights::Remove;
+    let glb = bake.write(GltfProfile::Engine);
+    assert!(glb.json["extensions"].get(SKY).is_none() && glb.json["scenes"][0].get("extensions").is_none());
+    assert_eq!(glb.json["extensionsUsed"], json!(["ACME_unknown"]));
+    // One of which reflected light alone is baked stays.
+    bake.scene.environment.as_mut().unwrap().contribution.mode = Some(BakeMode::Indirect);
+    let light = &bake.write(GltfProfile::Engine).json["extensions"][SKY]["lights"][0];
+    assert_eq!(light["extras"]["lumel"], json!({ "bake": "indirect", "realtime": "direct" }));
+    // One from the command line is none of the file's.
+    bake.scene.environment = Some(Environment::constant("--sky", Rgb::ONE));
+    assert!(bake.write(GltfProfile::Engine).json["extensions"][SKY]["lights"][0].get("extras").is_none());
 }
 
 #[test]

@@ -4,10 +4,11 @@ mod usd_layer;
 
 use glam::Vec3;
 use lumel::post::Quantity;
-use lumel::scene::{Environment, Light, LightShape, SurfaceOrigin, TextureSlot};
+use lumel::scene::{BakeMode, Environment, Light, LightShape, SurfaceOrigin, TextureSlot};
 use lumel::write::BakedLights;
 use openusd::gf::Vec3f;
 use openusd::sdf::{AssetPath, Value};
+use openusd::tf::Token;
 use std::fs;
 use usd_layer::*;
 
@@ -220,6 +221,36 @@ fn lights_are_marked_removed_or_kept() {
     bake.scene.environment = Some(Environment::constant("--sky", Vec3::ONE));
     bake.write();
     assert!(!bake.text().contains("over"));
+}
+
+#[test]
+fn lights_that_are_baked_in_part_stay_and_say_what_is_left() {
+    let lights = ["Live", "Mixed", "Lamp"].map(|name| format!("def SphereLight \"{name}\"\n{{\n}}\n")).concat();
+    let mut bake = Bake::new("partial lights", &room(&format!("{lights}def DomeLight \"Sky\"\n{{\n}}")));
+    let modes = [("Live", BakeMode::Dynamic), ("Mixed", BakeMode::Indirect), ("Lamp", BakeMode::Baked)];
+    for (name, mode) in modes {
+        let shape = LightShape::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: None };
+        let mut light = Light::new(format!("/World/{name}"), shape);
+        light.contribution.mode = Some(mode);
+        bake.scene.lights.push(light);
+    }
+    let mut sky = Environment::constant("/World/Sky", Vec3::ONE);
+    sky.contribution.mode = Some(BakeMode::Indirect);
+    bake.scene.environment = Some(sky);
+    for lights in [BakedLights::Mark, BakedLights::Remove] {
+        bake.lights = lights;
+        let (stage, _) = bake.write();
+        let prim = |name: &str| stage.prim(format!("/World/{name}").as_str()).unwrap();
+        let token = |name: &str, attribute: &str| get::<Token>(&prim(name), attribute).map(|t| t.as_str().to_owned());
+        for name in ["Mixed", "Sky"] {
+            assert!(prim(name).is_active().unwrap());
+            assert_eq!(token(name, "lumel:bake").as_deref(), Some("indirect"));
+            assert_eq!(token(name, "lumel:realtime").as_deref(), Some("direct"));
+            assert_eq!(get::<bool>(&prim(name), "lumel:baked"), None);
+        }
+        assert!(prim("Live").is_active().unwrap() && !bake.text().contains("\"Live\""));
+        assert_eq!(prim("Lamp").is_active().unwrap(), lights == BakedLights::Mark);
+    }
 }
 
 #[test]

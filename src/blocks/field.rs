@@ -1,6 +1,5 @@
 //! The light of a scene as blocks have it, while it is being found.
 
-use super::BlockParams;
 use super::block::Blocks;
 use super::guide::{Guide, View};
 use super::link::{Sight, SkyLink};
@@ -10,6 +9,7 @@ use super::shoot::{Draw, Sampled, Samples, Scratch};
 use super::show::neighbours;
 use super::sky_cells::{Escaped, SkyCells};
 use super::sweep::{BackLight, Radiosity, Swept, System};
+use super::{BlockParams, SHARE};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::gather::Backs;
@@ -19,9 +19,6 @@ use crate::patch::NONE;
 use crate::progress::Progress;
 use glam::Vec3;
 use rayon::prelude::*;
-
-/// Blocks that a thread takes at once, at most: some cost far more than others, and none may wait for one thread's share.
-const SHARE: usize = 128;
 
 /// Samples in each half of a back that is seen from a front or shines, and of one that is seen from other backs alone.
 const BACK_SAMPLES: u32 = 32;
@@ -63,8 +60,6 @@ impl<'a> Field<'a> {
     /// The coarsest blocks, in the dark.
     pub fn new(lit: &'a Lit<'a>, direct: &Direct, params: &'a BlockParams) -> Self {
         let blocks = Blocks::new(lit);
-        let sends = params.max_bounces != Some(0);
-        let send = |(rho, e): (&Rgb, &Rgb)| if sends { *rho * *e } else { Rgb::ZERO };
         let n = blocks.list.len();
         let mut field = Self {
             lit,
@@ -72,7 +67,7 @@ impl<'a> Field<'a> {
             around: Vec::new(),
             sampled: vec![Sampled::default(); n],
             irradiance: vec![Rgb::ZERO; n],
-            sent: lit.reflectance.0.iter().zip(direct.transport.iter()).map(send).collect(),
+            sent: sent(lit, direct, params),
             on_backs: BackLight { of_block: vec![None; n - blocks.fronts()], ..BackLight::default() },
             base: vec![Rgb::ZERO; n],
             bright: None,
@@ -203,18 +198,25 @@ impl<'a> Field<'a> {
         0.5 * (system.sky(b, 0, None) + system.sky(b, 1, None))
     }
 
+    /// Irradiance of blocks from the sky [lx].
+    pub fn sky_irradiance(&self) -> &[Rgb] {
+        &self.base
+    }
+
+    /// The direct light of `lit` on the backs of `patches`.
+    fn arriving(&self, lit: &Lit, patches: &[u32], progress: &dyn Progress) -> Result<Vec<Arriving>> {
+        let draw = Draw { lit, blocks: &self.blocks, seed: self.params.seed };
+        let of_patch = |&i: &u32| {
+            progress.check()?;
+            Ok(draw.direct_on_back(i as usize))
+        };
+        patches.par_iter().with_max_len(SHARE).map(of_patch).collect()
+    }
+
     /// Finds the direct light on those backs of `patches` where it isn't known yet.
     fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
-        let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
         let fresh: Vec<u32> = patches.iter().copied().filter(|i| !self.on_backs.of_patch.contains_key(i)).collect();
-        let found: Vec<Arriving> = fresh
-            .par_iter()
-            .with_max_len(SHARE)
-            .map(|&i| {
-                progress.check()?;
-                Ok(draw.direct_on_back(i as usize))
-            })
-            .collect::<Result<_>>()?;
+        let found = self.arriving(self.lit, &fresh, progress)?;
         for (i, arriving) in fresh.into_iter().zip(found) {
             self.rays += arriving.rays;
             self.on_backs.of_patch.insert(i, arriving.transport);
@@ -222,9 +224,9 @@ impl<'a> Field<'a> {
         Ok(())
     }
 
-    /// Finds the mean direct light on the backs `list` from a few patches all over each.
-    fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
-        let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
+    /// The mean direct light of `lit` on the backs `list`, from a few patches all over each, and the rays that took.
+    fn arriving_at_blocks(&self, lit: &Lit, list: &[usize], progress: &dyn Progress) -> Result<Vec<([Rgb; 2], u64)>> {
+        let draw = Draw { lit, blocks: &self.blocks, seed: self.params.seed };
         let mean = |&b: &usize| -> Result<([Rgb; 2], u64)> {
             progress.check()?;
             let members = self.blocks.members(b);
@@ -237,7 +239,12 @@ impl<'a> Field<'a> {
             }
             Ok((sum.map(|sum| sum / count), rays))
         };
-        let found: Vec<([Rgb; 2], u64)> = list.par_iter().with_max_len(SHARE).map(mean).collect::<Result<_>>()?;
+        list.par_iter().with_max_len(SHARE).map(mean).collect()
+    }
+
+    /// Finds the mean direct light on the backs `list`.
+    fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
+        let found = self.arriving_at_blocks(self.lit, list, progress)?;
         let fronts = self.blocks.fronts();
         for (&b, (mean, rays)) in list.iter().zip(found) {
             self.on_backs.of_block[b - fronts] = Some(mean);
@@ -391,4 +398,82 @@ fn view(guide: &Guide, all: f32, arriving: &[f32], count: u32) -> Option<(View, 
         0
     };
     (areas > 0).then_some((view, areas))
+}
+
+/// What patches send of their direct light [lm/m^2]: nothing where no reflection counts.
+fn sent(lit: &Lit, direct: &Direct, params: &BlockParams) -> Vec<Rgb> {
+    let sends = params.max_bounces != Some(0);
+    let send = |(rho, e): (&Rgb, &Rgb)| if sends { *rho * *e } else { Rgb::ZERO };
+    lit.reflectance.0.iter().zip(direct.transport.iter()).map(send).collect()
+}
+
+/// The light of some lights alone, over the links of a field.
+pub struct Alone {
+    sent: Vec<Rgb>,
+    on_backs: BackLight,
+    base: Vec<Rgb>,
+}
+
+impl Alone {
+    /// That of the lights of `lit`, from which `direct` comes straight.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn new(field: &Field, lit: &Lit, direct: &Direct, progress: &dyn Progress) -> Result<Self> {
+        let mut alone = Self { sent: sent(lit, direct, field.params), ..Self::dark(field) };
+        let mut patches: Vec<u32> = field.on_backs.of_patch.keys().copied().collect();
+        patches.sort_unstable();
+        let found = field.arriving(lit, &patches, progress)?;
+        let light = found.into_iter().map(|arriving| arriving.transport);
+        alone.on_backs.of_patch = patches.into_iter().zip(light).collect();
+        let (fronts, known) = (field.blocks.fronts(), &field.on_backs.of_block);
+        let list: Vec<usize> = (0..known.len()).filter(|&k| known[k].is_some()).map(|k| fronts + k).collect();
+        let found = field.arriving_at_blocks(lit, &list, progress)?;
+        for (b, (mean, _)) in list.into_iter().zip(found) {
+            alone.on_backs.of_block[b - fronts] = Some(mean);
+        }
+        let base: Vec<Rgb> = {
+            let system = alone.system(field, lit);
+            let of_block = |b: usize| 0.5 * (system.sky(b, 0, None) + system.sky(b, 1, None));
+            (0..field.blocks.list.len()).into_par_iter().with_max_len(SHARE).map(of_block).collect()
+        };
+        Ok(Self { base, ..alone })
+    }
+
+    /// No light at all.
+    pub fn dark(field: &Field) -> Self {
+        let of_block = vec![None; field.blocks.list.len() - field.blocks.fronts()];
+        Self {
+            sent: vec![Rgb::ZERO; field.sent.len()],
+            on_backs: BackLight { of_block, ..BackLight::default() },
+            base: vec![Rgb::ZERO; field.base.len()],
+        }
+    }
+
+    /// Its equations; `lit` has its lights.
+    pub fn system<'a>(&'a self, field: &'a Field, lit: &'a Lit<'a>) -> System<'a> {
+        let sends = field.params.max_bounces != Some(0);
+        System {
+            lit,
+            blocks: &field.blocks,
+            sampled: &field.sampled,
+            sent: &self.sent,
+            on_backs: sends.then_some(&self.on_backs),
+            base: &self.base,
+        }
+    }
+
+    /// The irradiance of blocks [lx], swept until it is at rest.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn solve(&self, field: &Field, system: &System, progress: &dyn Progress) -> Result<Vec<Rgb>> {
+        let most = field.params.max_bounces.map(|n| n.saturating_sub(1));
+        let mut irradiance = match field.params.max_bounces {
+            Some(0) => vec![Rgb::ZERO; self.base.len()],
+            _ => self.base.clone(),
+        };
+        system.solve(&mut irradiance, field.params.residual, most, progress)?;
+        Ok(irradiance)
+    }
 }

@@ -5,7 +5,7 @@
 //! shines ([`shoot`], [`guide`], [`reach`]). Links know nothing of light, so that the same ones serve every bounce ([`sweep`]).
 //! Blocks answer for any normal ([`respond`]), share what they know with their neighbours ([`smooth`]), and texels are read in between
 //! ([`show`]). Samples go where the noise is and blocks are split where detail is, until the error that was asked for is reached
-//! ([`effort`]).
+//! ([`effort`]). Light groups and bounces are told apart by the same links ([`separate`]).
 
 pub mod block;
 mod effort;
@@ -14,6 +14,7 @@ pub mod guide;
 pub mod link;
 pub mod reach;
 pub mod respond;
+pub mod separate;
 pub mod shoot;
 pub mod show;
 pub mod sky_cells;
@@ -31,6 +32,7 @@ use field::Field;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use respond::{DIFFERENCE, LANDED, Response, Values};
+use separate::{Separate, Wanted};
 use show::show;
 use smooth::{Smoothed, smooth};
 
@@ -65,6 +67,9 @@ pub struct Exchanged {
     pub noise: f64,
     pub bias: f64,
 }
+
+/// Blocks that a thread takes at once, at most: some cost far more than others, and none may wait for one thread's share.
+const SHARE: usize = 128;
 
 /// Samples in each half of a block's first look, at most; small blocks make do with one a texel.
 const FIRST: u32 = 16;
@@ -108,7 +113,7 @@ struct Judged {
     left: Left,
 }
 
-/// Finds the light between surfaces.
+/// Finds the light between surfaces, and what is `wanted` of it on its own.
 ///
 /// # Errors
 /// `Cancelled`.
@@ -116,6 +121,7 @@ pub fn exchange(
     lit: &Lit,
     direct: &Direct,
     params: &BlockParams,
+    wanted: Wanted,
     progress: &dyn Progress,
 ) -> Result<(Gathered, Backs, Exchanged)> {
     progress.begin("exchange", 0);
@@ -143,10 +149,12 @@ pub fn exchange(
         noise: left.noise,
         bias: left.bias,
     };
+    let separate = Separate::find(&field, wanted, &normal, progress)?;
     // Nothing looks along links any more; they are most of what there is.
     field.forget_links();
     let smoothed = smooth(&field.blocks, &field.around, responses);
-    let gathered = show_all(&field, direct, smoothed, &normal);
+    let mut gathered = show_all(&field, direct, smoothed, &normal);
+    separate.put(&mut gathered);
     Ok((Gathered { noise: left.noise, ..gathered }, backs, exchanged))
 }
 
@@ -295,6 +303,7 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
         indirect: none(),
         sky: none(),
         parts: Vec::new(),
+        groups: Vec::new(),
         landed_share: vec![0.0; n],
         noise: 0.0,
         sky_inflow: DVec3::ZERO,

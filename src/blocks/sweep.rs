@@ -137,7 +137,7 @@ impl System<'_> {
     }
 
     /// Irradiance of every block after one more bounce.
-    fn sweep(&self, radiosity: &Radiosity) -> Vec<Rgb> {
+    pub fn sweep(&self, radiosity: &Radiosity) -> Vec<Rgb> {
         (0..self.blocks.list.len())
             .into_par_iter()
             .with_max_len(BATCH)

@@ -54,6 +54,8 @@ pub(super) fn light_info(scene: &Scene, light: &Light) -> LightInfo {
         picture: light.picture.as_ref().and_then(|picture| picture_info(scene, picture)),
         lights_surfaces: some(&light.links.lit),
         blocking_surfaces: some(&light.links.blockers),
+        bake: light.contribution.mode(),
+        group: light.contribution.group.as_deref().map(str::to_owned),
     }
 }
 

@@ -6,6 +6,8 @@
 pub mod delta;
 pub mod direct;
 pub mod emitter;
+pub mod mask;
+pub mod parts;
 mod penumbra;
 mod picture_cells;
 pub mod polygon;
@@ -20,7 +22,7 @@ pub use direct::{Direct, direct};
 pub use sky::Sky;
 
 use crate::patch::{Emission, Ground, Reflectance, unocclude::Exposure};
-use crate::scene::{Light, Linked, Scene};
+use crate::scene::{BakeMode, Contribution, Environment, Light, Linked, Scene};
 use crate::trace::Tracer;
 use delta::DeltaLight;
 use direct::DirectParams;
@@ -38,11 +40,42 @@ pub struct Lights {
     pub shades: Vec<Option<Tracer>>,
 }
 
+/// Something that shines.
+#[derive(Clone, Copy, Debug)]
+pub enum Shining {
+    /// A light, by its number in the scene.
+    Light(usize),
+    /// An emissive material, by its number.
+    Material(usize),
+    /// A sky, by its place in [`Environment::each`].
+    Sky(usize),
+}
+
+impl Shining {
+    /// What is said of its part in the bake.
+    pub fn contribution(self, scene: &Scene) -> &Contribution {
+        match self {
+            Self::Light(l) => &scene.lights[l].contribution,
+            Self::Material(m) => &scene.materials[m].contribution,
+            Self::Sky(k) => {
+                let sky = scene.environment.as_ref().and_then(|sky| sky.each().nth(k));
+                &sky.expect("a sky of the scene").contribution
+            }
+        }
+    }
+}
+
 impl Lights {
-    /// Prepares the lights of `scene`.
+    /// Prepares the lights of `scene` that take part in the bake.
     pub fn new(scene: &Scene) -> Self {
+        Self::of(scene, |shining| shining.contribution(scene).mode() != BakeMode::Dynamic)
+    }
+
+    /// Prepares those that `holds` is true of.
+    pub fn of(scene: &Scene, holds: impl Fn(Shining) -> bool) -> Self {
+        let lights = || scene.lights.iter().enumerate().filter(|(l, _)| holds(Shining::Light(*l)));
         let mut blockers: Vec<&Linked> = Vec::new();
-        for light in scene.lights.iter().filter(|light| light.links.blockers != Linked::All) {
+        for (_, light) in lights().filter(|(_, light)| light.links.blockers != Linked::All) {
             if !blockers.contains(&&light.links.blockers) && blockers.len() < usize::from(u16::MAX) {
                 blockers.push(&light.links.blockers);
             }
@@ -54,12 +87,26 @@ impl Lights {
         });
         let number = |(l, light)| DeltaLight::new(l, light, shade(light));
         Self {
-            delta: scene.lights.iter().enumerate().filter_map(number).collect(),
-            polygons: LightTree::new(polygon::polygons(scene, shade)),
-            sky: scene.environment.as_ref().map(|e| Sky::new(scene, e)),
-            portals: scene.lights.iter().filter_map(|light| Portal::new(scene, light, shade(light))).collect(),
+            delta: lights().filter_map(number).collect(),
+            polygons: LightTree::new(polygon::polygons(scene, &holds, shade)),
+            sky: sky_of(scene, &holds).map(|sky| Sky::new(scene, &sky)),
+            portals: lights().filter_map(|(_, light)| Portal::new(scene, light, shade(light))).collect(),
             shades: shades.collect(),
         }
+    }
+
+    /// The same lights with nothing in the way of any.
+    pub fn unblocked(mut self) -> Self {
+        let free = Some(0);
+        self.delta.iter_mut().for_each(|light| light.shade = free);
+        self.polygons.polygons.iter_mut().for_each(|polygon| polygon.shade = free);
+        self.portals.iter_mut().for_each(|portal| portal.set_shade(free));
+        Self { shades: vec![None], ..self }
+    }
+
+    /// True where nothing shines.
+    pub fn is_empty(&self) -> bool {
+        self.delta.is_empty() && self.polygons.is_empty() && self.sky.is_none() && self.portals.is_empty()
     }
 
     /// What is in the way of a light whose number among the shades is `shade`, in a scene that `tracer` knows.
@@ -69,6 +116,14 @@ impl Lights {
             Some(k) => self.shades.get(usize::from(k)).and_then(Option::as_ref),
         }
     }
+}
+
+/// The skies of `scene` that `holds` is true of, as one.
+fn sky_of(scene: &Scene, holds: impl Fn(Shining) -> bool) -> Option<Environment> {
+    let skies = scene.environment.iter().flat_map(Environment::each).enumerate();
+    let mut kept = skies.filter(|(k, _)| holds(Shining::Sky(*k))).map(|(_, sky)| sky.clone());
+    let first = kept.next()?;
+    Some(Environment { others: kept.map(|other| Environment { others: Vec::new(), ..other }).collect(), ..first })
 }
 
 /// A rasterized scene and all that its light depends on: what transport, solvers and gather work on.

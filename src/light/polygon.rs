@@ -2,6 +2,7 @@
 //!
 //! Disks are 32-gons, ellipsoids geodesic and cylinders prismatic, each scaled so that its area, and with it its power, is exact.
 
+use super::Shining;
 use super::picture_cells::cells;
 use crate::color::Rgb;
 use crate::contour::above_horizon;
@@ -50,14 +51,14 @@ const CYLINDER_SIDES: usize = 24;
 /// Subdivisions of a sphere light's octahedron: 512 triangles.
 const SPHERE_LEVELS: u32 = 3;
 
-/// All polygons of `scene` that shine. `shade` tells a light's number among those that only some surfaces block.
-pub fn polygons(scene: &Scene, shade: impl Fn(&Light) -> Option<u16>) -> Vec<Polygon> {
+/// All polygons of `scene` that shine, of what `holds` is true of. `shade` tells a light's number among those that only some surfaces block.
+pub fn polygons(scene: &Scene, holds: impl Fn(Shining) -> bool, shade: impl Fn(&Light) -> Option<u16>) -> Vec<Polygon> {
     let mut all = Vec::new();
     for (s, placed) in scene.surfaces.iter().enumerate().filter(|(_, placed)| placed.role.casts) {
         let mesh = &scene.meshes[placed.mesh];
         for t in 0..mesh.triangles.len() {
             let material = scene.material(s, t);
-            if !material.is_emissive() {
+            if !material.is_emissive() || !holds(Shining::Material(mesh.triangle_material[t] as usize)) {
                 continue;
             }
             let textured = material.emission_texture.is_some() || material.alpha != Alpha::Opaque;
@@ -66,7 +67,7 @@ pub fn polygons(scene: &Scene, shade: impl Fn(&Light) -> Option<u16>) -> Vec<Pol
             all.extend(Polygon::new(scene.world_triangle(s, t).to_vec(), radiance, material.double_sided, source));
         }
     }
-    for (l, light) in scene.lights.iter().enumerate() {
+    for (l, light) in scene.lights.iter().enumerate().filter(|(l, _)| holds(Shining::Light(*l))) {
         let shade = shade(light);
         let portal = matches!(light.shape, LightShape::Portal { .. });
         let mut push = |corners: Vec<Vec3>, radiance: Rgb| {

@@ -45,6 +45,11 @@ impl Portal {
         self.shade
     }
 
+    /// Lets `shade` block it.
+    pub(super) fn set_shade(&mut self, shade: Option<u16>) {
+        self.shade = shade;
+    }
+
     /// A direction from `point` through the portal by the two numbers `u`: over the portal, or by brightness. Weighed so that the
     /// means of both strategies add up. `None` where it passes the portal by.
     pub fn sample(&self, point: &SurfacePoint, u: [f32; 2], by_place: bool) -> Option<Drawn<'_>> {

@@ -7,10 +7,14 @@
 use super::pattern::{Pattern, near};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
+use crate::scene::contribution::{BakeMode, Contribution, group_fault};
 use crate::scene::{Environment, Light, LightShape, Material, RoleOpinion, Scene, SurfaceOrigin};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
+
+/// What to say of a material that is asked to be left out.
+const NO_DYNAMIC_GLOW: &str = "a glow is part of its surface: baked or indirect, but not dynamic";
 
 /// Changes to a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -51,6 +55,10 @@ pub struct MaterialEdit {
     pub emission_scale: Option<f32>,
     /// Whether it reflects and shines on both sides.
     pub double_sided: Option<bool>,
+    /// What of its emission's light is baked: all of it, or indirect light alone.
+    pub bake: Option<BakeMode>,
+    /// The light group of its emission.
+    pub group: Option<String>,
 }
 
 /// How lights and skies of the scene shine, `[[lamps]]` in `lumel.toml`.
@@ -63,6 +71,18 @@ pub struct LampEdit {
     pub skip: Option<bool>,
     /// Factor on its strength [0..1e6].
     pub scale: Option<f32>,
+    /// What of its light is baked.
+    pub bake: Option<BakeMode>,
+    /// Its light group.
+    pub group: Option<String>,
+    /// Whether a shadow mask is made of it where masks are asked for.
+    pub shadow_mask: Option<bool>,
+}
+
+impl LampEdit {
+    fn contribution(&self) -> Contribution {
+        Contribution { mode: self.bake, group: self.group.as_deref().map(Into::into), shadow_mask: self.shadow_mask }
+    }
 }
 
 impl ObjectEdit {
@@ -91,10 +111,15 @@ impl Edits {
             let albedo = m.albedo.as_ref().map_or(&[][..], |a| &a[..]);
             let wrong = fault("albedo", albedo, 1.0)
                 .or_else(|| fault("albedo-scale", m.albedo_scale.as_slice(), 100.0))
-                .or_else(|| fault("emission-scale", m.emission_scale.as_slice(), 1e6));
+                .or_else(|| fault("emission-scale", m.emission_scale.as_slice(), 1e6))
+                .or_else(|| m.group.as_deref().and_then(group_fault))
+                .or_else(|| (m.bake == Some(BakeMode::Dynamic)).then(|| NO_DYNAMIC_GLOW.into()));
             refuse("materials", &m.name, wrong)?;
         }
-        self.lamps.iter().try_for_each(|l| refuse("lamps", &l.name, fault("scale", l.scale.as_slice(), 1e6)))
+        self.lamps.iter().try_for_each(|l| {
+            let wrong = fault("scale", l.scale.as_slice(), 1e6).or_else(|| l.group.as_deref().and_then(group_fault));
+            refuse("lamps", &l.name, wrong)
+        })
     }
 
     /// Changes `scene`, and removes the surfaces that are to be left out; `place` names the file.
@@ -118,7 +143,16 @@ impl Edits {
             if let Some(sky) = &mut scene.environment {
                 lamps.extend(skies(sky));
             }
-            each(&edit.name, "lamps", lamps, warnings, |lamp| lamp.scale(scale))?;
+            let own = edit.contribution();
+            each(&edit.name, "lamps", lamps, warnings, |mut lamp| {
+                lamp.scale(scale);
+                let contribution = lamp.contribution();
+                *contribution = own.over(contribution);
+            })?;
+        }
+        for material in scene.materials.iter_mut().filter(|m| m.contribution.mode() == BakeMode::Dynamic) {
+            warnings.add(&material.name, format!("{NO_DYNAMIC_GLOW}; it is baked"));
+            material.contribution.mode = None;
         }
         remove_skipped(scene, place)?;
         self.remove_lamps(scene);
@@ -177,6 +211,8 @@ fn change(material: &mut Material, edit: &MaterialEdit) {
     material.albedo *= edit.albedo_scale.unwrap_or(1.0);
     material.emission *= edit.emission_scale.unwrap_or(1.0);
     material.double_sided = edit.double_sided.unwrap_or(material.double_sided);
+    let own = Contribution { mode: edit.bake, group: edit.group.as_deref().map(Into::into), shadow_mask: None };
+    material.contribution = own.over(&material.contribution);
     // What is reflected doesn't pass.
     let left = (Rgb::ONE - material.albedo).max(Rgb::ZERO);
     material.transmission = material.transmission.min(left);
@@ -185,13 +221,20 @@ fn change(material: &mut Material, edit: &MaterialEdit) {
 /// Something that shines and is no surface.
 enum Lamp<'a> {
     Light(&'a mut Light),
-    Sky(&'a mut Rgb),
+    Sky(&'a mut Rgb, &'a mut Contribution),
 }
 
 impl Lamp<'_> {
-    fn scale(self, by: f32) {
+    fn contribution(&mut self) -> &mut Contribution {
         match self {
-            Self::Sky(radiance) => *radiance *= by,
+            Self::Light(light) => &mut light.contribution,
+            Self::Sky(_, contribution) => contribution,
+        }
+    }
+
+    fn scale(&mut self, by: f32) {
+        match self {
+            Self::Sky(radiance, _) => **radiance *= by,
             Self::Light(light) => match &mut light.shape {
                 LightShape::Point { intensity, .. } | LightShape::Spot { intensity, .. } => *intensity *= by,
                 LightShape::Directional { illuminance, .. } => *illuminance *= by,
@@ -211,9 +254,13 @@ impl Lamp<'_> {
 
 /// A sky and the others, by name.
 fn skies(sky: &mut Environment) -> impl Iterator<Item = (String, Lamp<'_>)> {
-    let Environment { name, radiance, others, .. } = sky;
-    let first = (name.clone(), Lamp::Sky(radiance));
-    std::iter::once(first).chain(others.iter_mut().map(|o| (o.name.clone(), Lamp::Sky(&mut o.radiance))))
+    fn other(sky: &mut Environment) -> (String, Lamp<'_>) {
+        let Environment { name, radiance, contribution, .. } = sky;
+        (name.clone(), Lamp::Sky(radiance, contribution))
+    }
+    let Environment { name, radiance, contribution, others, .. } = sky;
+    let first = (name.clone(), Lamp::Sky(radiance, contribution));
+    std::iter::once(first).chain(others.iter_mut().map(other))
 }
 
 /// Removes the surfaces that are to be left out.

@@ -17,14 +17,42 @@ pub struct Lightmap {
 /// A part of the light on its own.
 #[derive(Clone, Debug)]
 pub struct Layer {
+    /// Its name in the channels of pages: a word, or `shadow.` or `group.` and another.
     pub name: String,
     /// Texel values of each page, as [`PageImage::rgb`].
     pub pages: Vec<Vec<Rgb>>,
+    pub channels: Channels,
+    /// The unit of its values, `1` for shares and directions.
+    pub unit: &'static str,
+    /// The light or group that it is of.
+    pub of: Option<String>,
+}
+
+/// What a layer's three values are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channels {
+    /// A colour.
+    Rgb,
+    /// One number, three times.
+    Y,
+    /// A direction in the world, Y up.
+    Xyz,
+}
+
+impl Channels {
+    /// What follows the layer's name in the channels of an EXR, in order.
+    pub fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Rgb => &["R", "G", "B"],
+            Self::Y => &["Y"],
+            Self::Xyz => &["X", "Y", "Z"],
+        }
+    }
 }
 
 /// Which layers are wanted beside the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum LayerKind {
     /// Straight from lights.
     Direct,
@@ -34,6 +62,18 @@ pub enum LayerKind {
     Bounces,
     /// The estimated standard error of the whole.
     Error,
+    /// What surfaces emit.
+    Emission,
+    /// Ambient occlusion: the share of the hemisphere with nothing near.
+    Ao,
+    /// The mean direction with nothing near, in the world.
+    BentNormal,
+    /// The share of the hemisphere in which the sky is seen.
+    SkyVisibility,
+    /// The visible share of each of some lights: see [`crate::light::mask`].
+    ShadowMasks,
+    /// The light that each light group causes.
+    LightGroups,
 }
 
 /// One page; row 0 is the top.

@@ -1,5 +1,6 @@
 //! Light from infinitely far away in every direction: the sky.
 
+use super::contribution::Contribution;
 use super::{Scene, Wrap};
 use crate::color::Rgb;
 use glam::{Mat3, Vec3};
@@ -19,6 +20,8 @@ pub struct Environment {
     pub texture: Option<usize>,
     /// World directions from the sky's own frame (a rotation).
     pub world_from_sky: Mat3,
+    /// What of its light is baked, and its group.
+    pub contribution: Contribution,
     /// Further skies, none of which has others of its own.
     pub others: Vec<Environment>,
 }
@@ -26,7 +29,14 @@ pub struct Environment {
 impl Environment {
     /// A constant sky of `radiance` [nit].
     pub fn constant(name: impl Into<String>, radiance: Rgb) -> Self {
-        Self { name: name.into(), radiance, texture: None, world_from_sky: Mat3::IDENTITY, others: Vec::new() }
+        Self {
+            name: name.into(),
+            radiance,
+            texture: None,
+            world_from_sky: Mat3::IDENTITY,
+            contribution: Contribution::default(),
+            others: Vec::new(),
+        }
     }
 
     /// True where it is the same in every direction.

@@ -1,5 +1,6 @@
 //! Lights that are no surface of the scene: they shine, but block nothing and hold no texels.
 
+use super::contribution::Contribution;
 use super::environment::Environment;
 use super::link::Links;
 use super::projector::{Picture, look_up};
@@ -24,6 +25,8 @@ pub struct Light {
     /// A picture on the light, or thrown by it.
     pub picture: Option<Picture>,
     pub links: Links,
+    /// What of its light is baked, and its group.
+    pub contribution: Contribution,
     /// glTF: the node's index.
     pub gltf_node: Option<usize>,
 }
@@ -90,6 +93,7 @@ impl Light {
             profile: None,
             picture: None,
             links: Links::default(),
+            contribution: Contribution::default(),
             gltf_node: None,
         }
     }

@@ -1,5 +1,6 @@
 //! Diffuse materials: what radiosity needs of a glTF or UsdPreviewSurface material.
 
+use super::contribution::Contribution;
 use super::texture::Wrap;
 use crate::color::Rgb;
 use glam::{Affine2, Vec4};
@@ -25,6 +26,8 @@ pub struct Material {
     pub alpha: Alpha,
     /// Its alpha takes the place of the albedo texture's.
     pub opacity_texture: Option<TextureSlot>,
+    /// What of its emission's light is baked (never dynamic), and its group.
+    pub contribution: Contribution,
 }
 
 /// What a material's opacity does.
@@ -105,6 +108,7 @@ impl Default for Material {
             opacity_texture: None,
             transmission: Rgb::ZERO,
             transmission_texture: None,
+            contribution: Contribution::default(),
         }
     }
 }

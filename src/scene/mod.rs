@@ -4,6 +4,7 @@
 //! them: all indices are in range, all numbers finite, no triangle is degenerate in its mesh's space.
 
 pub mod clear_sky;
+pub mod contribution;
 pub mod environment;
 pub mod light;
 pub mod link;
@@ -15,6 +16,7 @@ pub mod texture;
 pub mod validate;
 pub mod web;
 
+pub use contribution::{BakeMode, Contribution};
 pub use environment::Environment;
 pub use light::{Light, LightShape, Shaping};
 pub use link::{Linked, Links};
@@ -106,10 +108,11 @@ impl Scene {
         self.lights.iter_mut().for_each(|light| light.links.retain(keep));
     }
 
-    /// True where something shines: a light, the sky, or an emissive material that a surface uses.
+    /// True where something shines in the bake: a light or sky that is not dynamic, or an emissive material that a surface uses.
     pub fn has_light(&self) -> bool {
-        self.environment.is_some()
-            || !self.lights.is_empty()
+        let is_baked = |contribution: &Contribution| contribution.mode() != BakeMode::Dynamic;
+        self.environment.iter().flat_map(Environment::each).any(|sky| is_baked(&sky.contribution))
+            || self.lights.iter().any(|light| is_baked(&light.contribution))
             || self.surfaces.iter().filter(|s| s.role.casts).any(|s| {
                 self.meshes[s.mesh].triangle_material.iter().any(|&m| self.materials[m as usize].is_emissive())
             })

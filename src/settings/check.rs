@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
 use crate::post::LayerKind;
 use crate::reference::BATCHES;
+use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
 
@@ -47,6 +48,7 @@ impl Settings {
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
         within("error", self.error, LEAST_ERROR, MOST_ERROR)?;
         within("time", self.time, -1e9, 1e9)?;
+        within("ao-distance", self.ao_distance, 0.0, 1e6)?;
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;
         within("time-budget", self.time_budget, 0.1, 1e6)?;
         self.check_layers()?;
@@ -78,6 +80,21 @@ impl Settings {
                 "bounces are those of the whole solution; leave out bounces, or iterations",
             ),
             (
+                has(LayerKind::LightGroups) && self.gather() != Gather::Blocks,
+                "layers",
+                "light groups are told apart by blocks alone; leave out light-groups, or what needs elements or paths",
+            ),
+            (
+                self.ao_distance.is_some() && !has(LayerKind::Ao) && !has(LayerKind::BentNormal),
+                "ao-distance",
+                "is for the layers ao and bent-normal, and neither is asked for",
+            ),
+            (
+                self.method == Method::Path && self.bake_lights == BakeMode::Indirect,
+                "bake-lights",
+                "paths don't tell direct light of some lights from that of others; leave it out, or the method path",
+            ),
+            (
                 has(LayerKind::Error) && self.gather == Gather::None,
                 "layers",
                 "without a gather no error is known; leave out error, or gather none",
@@ -95,7 +112,7 @@ impl Settings {
             (
                 self.gather == Gather::Blocks && self.asks_for_elements(),
                 "gather",
-                "blocks have links of their own: leave out what is about solvers, elements, form factors, samples or bounce layers",
+                "blocks have links of their own: leave out what is about solvers, elements, form factors or samples",
             ),
         ])
     }

@@ -6,7 +6,7 @@
 
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::post::{PageImage, Quantity};
+use crate::post::{Channels, PageImage, Quantity};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
     LayerAttributes, LineOrder, Text, Vec2, WritableImage,
@@ -33,8 +33,19 @@ pub struct PageHeader<'a> {
     pub scene: &'a str,
 }
 
-/// Writes a page with the channels R, G, B and A (coverage, 0..=1), and `<layer>.R`, `.G` and `.B` for each of `layers`: half
-/// floats, or 32-bit ones with `float`.
+/// A layer of a page.
+#[derive(Clone, Copy, Debug)]
+pub struct PageLayer<'a> {
+    pub name: &'a str,
+    pub channels: Channels,
+    pub unit: &'a str,
+    /// As [`PageImage::rgb`].
+    pub values: &'a [Rgb],
+}
+
+/// Writes a page with the channels R, G, B and A (coverage, 0..=1), and `<layer>.R`, `.G` and `.B`, or `.Y`, or `.X`, `.Y` and `.Z` for
+/// each of `layers`: half floats, or 32-bit ones with `float`. With layers, the header's `lumel:layers` is a JSON list of
+/// `{"name", "channels", "unit"}`.
 ///
 /// Returns how many texels had a value that half floats can't hold: beyond +-65504 (written as that) or NaN (written as
 /// 0). Always 0 with `float`, which writes the values as they are.
@@ -44,23 +55,23 @@ pub struct PageHeader<'a> {
 pub fn write_page(
     path: &Path,
     page: &PageImage,
-    layers: &[(&str, &[Rgb])],
+    layers: &[PageLayer],
     header: &PageHeader,
     float: bool,
 ) -> Result<usize> {
     let texels = page.width as usize * page.height as usize;
     let is_whole = |rgb: &[Rgb]| rgb.len() == texels;
-    if !is_whole(&page.rgb) || page.coverage.len() != texels || !layers.iter().all(|(_, rgb)| is_whole(rgb)) {
+    if !is_whole(&page.rgb) || page.coverage.len() != texels || !layers.iter().all(|layer| is_whole(layer.values)) {
         return Err(Error::invalid(path.display(), "the page's size and its data disagree"));
     }
-    let images: Vec<(&str, &[Rgb])> = [("", page.rgb.as_slice())].into_iter().chain(layers.iter().copied()).collect();
     let clamped = if float { 0 } else { page.rgb.iter().filter(|c| c.to_array().iter().any(|v| half(*v).1)).count() };
     let samples = if float { FlatSamples::F32 } else { half_samples };
-    let mut channels: Vec<_> = images.iter().flat_map(|(name, rgb)| rgb_channels(name, rgb, samples)).collect();
+    let mut channels = channels_of("", Channels::Rgb, &page.rgb, samples);
+    channels.extend(layers.iter().flat_map(|layer| channels_of(layer.name, layer.channels, layer.values, samples)));
     channels.push(AnyChannel::new("A", samples(page.coverage.clone())));
     // UTF-8 as it stands: OpenEXR's own strings are bytes, and file names are UTF-8 nearly everywhere.
     let text = |s: &str| AttributeValue::Text(Text::from_slice_unchecked(s.as_bytes()));
-    let attributes = [
+    let mut attributes = vec![
         ("lumel:quantity", text(header.quantity.name())),
         ("lumel:unit", text(header.quantity.unit())),
         ("lumel:version", text(env!("CARGO_PKG_VERSION"))),
@@ -68,6 +79,14 @@ pub fn write_page(
         ("lumel:texelDensity", AttributeValue::F32(header.density)),
         ("lumel:scene", text(header.scene)),
     ];
+    let list = |layer: &PageLayer| {
+        let PageLayer { name, channels, unit, .. } = layer;
+        serde_json::json!({ "name": name, "channels": channel_names(name, *channels), "unit": unit })
+    };
+    if !layers.is_empty() {
+        let list: Vec<_> = layers.iter().map(list).collect();
+        attributes.push(("lumel:layers", text(&serde_json::Value::from(list).to_string())));
+    }
     write(path, page.width, page.height, channels, &attributes)?;
     Ok(clamped)
 }
@@ -90,20 +109,28 @@ pub fn write_layers(path: &Path, width: u32, height: u32, layers: &[(&str, &[Rgb
     if layers.iter().any(|(_, rgb)| rgb.len() != texels) {
         return Err(Error::invalid(path.display(), "the picture's size and its data disagree"));
     }
-    let channels = layers.iter().flat_map(|(name, rgb)| rgb_channels(name, rgb, FlatSamples::F32)).collect();
+    let channels =
+        layers.iter().flat_map(|(name, rgb)| channels_of(name, Channels::Rgb, rgb, FlatSamples::F32)).collect();
     write(path, width, height, channels, &[("lumel:version", AttributeValue::Text(env!("CARGO_PKG_VERSION").into()))])
 }
 
-/// The three colour channels of `rgb` under the layer name `layer`.
-fn rgb_channels(layer: &str, rgb: &[Rgb], samples: impl Fn(Vec<f32>) -> FlatSamples) -> Vec<AnyChannel<FlatSamples>> {
-    ["R", "G", "B"]
-        .into_iter()
-        .enumerate()
-        .map(|(i, channel)| {
-            let name = if layer.is_empty() { channel.to_string() } else { format!("{layer}.{channel}") };
-            AnyChannel::new(Text::from(name.as_str()), samples(rgb.iter().map(|c| c[i]).collect()))
-        })
-        .collect()
+/// The names of the channels of a layer; of one without a name, those alone.
+pub fn channel_names(layer: &str, channels: Channels) -> Vec<String> {
+    let name = |channel: &&str| if layer.is_empty() { channel.to_string() } else { format!("{layer}.{channel}") };
+    channels.names().iter().map(name).collect()
+}
+
+/// The channels of `values` under the layer name `layer`.
+fn channels_of(
+    layer: &str,
+    channels: Channels,
+    values: &[Rgb],
+    samples: impl Fn(Vec<f32>) -> FlatSamples,
+) -> Vec<AnyChannel<FlatSamples>> {
+    let channel = |(i, name): (usize, String)| {
+        AnyChannel::new(Text::from(name.as_str()), samples(values.iter().map(|v| v[i]).collect()))
+    };
+    channel_names(layer, channels).into_iter().enumerate().map(channel).collect()
 }
 
 fn half_samples(values: Vec<f32>) -> FlatSamples {

@@ -32,7 +32,9 @@ pub struct Baked<'a> {
     pub lights: BakedLights,
 }
 
-/// What happens to the lights that are baked in: an engine would light the scene twice.
+/// What happens to the lights that are baked in: an engine would light the scene twice. Lights that are not wholly baked
+/// ([`crate::scene::contribution`]) are never removed: marks say what the engine has to add of those of which indirect light alone is
+/// baked, and dynamic ones stay as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum BakedLights {

@@ -6,6 +6,7 @@
 //! be read, the irradiance coefficients give a smooth sky: L_lm = E_lm / A_l, with A = pi, 2 pi / 3, pi / 4 (Ramamoorthi
 //! and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001), below zero cut off.
 
+use super::contribution;
 use super::document::Document;
 use super::texture::read_image;
 use crate::color::Rgb;
@@ -67,6 +68,7 @@ pub(super) fn read(
         Error::invalid(document.place("scenes", scene), message)
     })?;
     let source: Source = document.parse(light, "scenes", scene)?;
+    let contribution = contribution::opinion(Some(light), || document.place("scenes", scene))?;
     let name = source.name.clone().unwrap_or_else(|| EXTENSION.to_owned());
     let place = format!("{}: {name}", document.file());
     if !(source.intensity.is_finite() && source.intensity > 0.0) {
@@ -93,6 +95,7 @@ pub(super) fn read(
         radiance: Rgb::splat(source.intensity),
         texture: Some(textures.len() - 1),
         world_from_sky: if usable { Mat3::from_quat(rotation.normalize()) } else { Mat3::IDENTITY },
+        contribution,
         others: Vec::new(),
     }))
 }

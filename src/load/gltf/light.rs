@@ -1,11 +1,12 @@
 //! KHR_lights_punctual: point and spot lights in candela, directional ones in lux. EXT_lights_area (draft): rectangles and
 //! disks in nit.
 
+use super::contribution;
 use super::document::Document;
 use super::node::PlacedNode;
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
-use crate::scene::{Light, LightShape};
+use crate::scene::{Contribution, Light, LightShape};
 use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
 use ::gltf::json::validation::Checked;
 use glam::DVec3;
@@ -20,31 +21,39 @@ use std::f32::consts::FRAC_PI_2;
 pub(super) fn lights(document: &Document, nodes: &[PlacedNode], warnings: &mut Warnings) -> Result<Vec<Light>> {
     let mut lights = Vec::new();
     for node in nodes {
-        let mut add = |shape| {
+        let mut add = |shape, own: Contribution| {
             let light = Light::new(&node.name, shape);
             let world_from_light = super::profile::axes(node).unwrap_or(light.world_from_light);
-            lights.push(Light { world_from_light, gltf_node: Some(node.index), ..light });
+            // What the node says goes before what its light says, which several nodes may share.
+            let contribution = node.contribution.over(&own);
+            lights.push(Light { world_from_light, contribution, gltf_node: Some(node.index), ..light });
         };
         if let Some(index) = node.light {
-            let light: punctual::Light = item(document, "KHR_lights_punctual", index, node)?;
-            shape(&light, node, warnings).into_iter().for_each(&mut add);
+            let (light, own): (punctual::Light, _) = item(document, "KHR_lights_punctual", index, node)?;
+            shape(&light, node, warnings).into_iter().for_each(|shape| add(shape, own.clone()));
         }
         if let Some(index) = node.area_light {
-            let light: AreaLight = item(document, "EXT_lights_area", index, node)?;
-            area_shape(&light, node, warnings).into_iter().for_each(&mut add);
+            let (light, own): (AreaLight, _) = item(document, "EXT_lights_area", index, node)?;
+            area_shape(&light, node, warnings).into_iter().for_each(|shape| add(shape, own.clone()));
         }
     }
     Ok(lights)
 }
 
-/// Light `index` of those of `extension`, which `node` names.
-fn item<T: DeserializeOwned>(document: &Document, extension: &str, index: usize, node: &PlacedNode) -> Result<T> {
+/// Light `index` of those of `extension`, which `node` names, and what its extras say.
+fn item<T: DeserializeOwned>(
+    document: &Document,
+    extension: &str,
+    index: usize,
+    node: &PlacedNode,
+) -> Result<(T, Contribution)> {
     let light = document.json.get("extensions").and_then(|e| e.get(extension)?.get("lights")?.get(index));
     let light = light.ok_or_else(|| {
         let message = format!("names light {index} of {extension}, which isn't there; export the file again");
         Error::invalid(document.place("nodes", node.index), message)
     })?;
-    document.parse(light, "nodes", node.index)
+    let own = contribution::opinion(Some(light), || document.place("nodes", node.index))?;
+    Ok((document.parse(light, "nodes", node.index)?, own))
 }
 
 /// A light of EXT_lights_area.

@@ -4,13 +4,14 @@
 //! Albedo = base colour factor x texture (x vertex colour, later). A metal has no diffuse part, but it does send light
 //! on; its base colour stands in as a diffuse albedo, which keeps the energy and the tint, and is said.
 
+use super::contribution;
 use super::document::Document;
 use super::mesh::{default_material, uv_name};
 use super::texture::{Images, image, missing_message, read_picture, wrap};
 use super::transmission::Transmission;
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
-use crate::scene::{Alpha, Material, Mesh, Texture, TextureSlot};
+use crate::scene::{Alpha, Contribution, Material, Mesh, Texture, TextureSlot};
 use ::gltf::json;
 use ::gltf::json::material::AlphaMode;
 use ::gltf::json::texture::Info;
@@ -27,6 +28,7 @@ struct Source {
     color: Vec4,
     color_texture: Option<Info>,
     transmission: Option<Transmission>,
+    contribution: Contribution,
 }
 
 /// The scene's materials, one for each of the document and, where a mesh needs it, the default one at the end; the
@@ -97,7 +99,9 @@ impl Source {
         }
         let metallic = if unlit || specular_glossiness.is_some() { 0.0 } else { pbr.metallic_factor.0 };
         let transmission = Transmission::read(document, index, metallic)?;
-        Ok(Self { index, material, color: within, color_texture, transmission })
+        let json = document.json.get("materials").and_then(|materials| materials.get(index));
+        let contribution = contribution::opinion(json, || document.place("materials", index))?;
+        Ok(Self { index, material, color: within, color_texture, transmission, contribution })
     }
 
     /// The emission's texture, where it has an effect.
@@ -134,6 +138,7 @@ impl Source {
             emission_texture,
             double_sided: source.double_sided,
             alpha,
+            contribution: self.contribution.clone(),
             ..Material::default()
         };
         if let Some(transmission) = &self.transmission {

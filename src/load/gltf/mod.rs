@@ -11,6 +11,7 @@
 
 mod accessor;
 mod animation;
+mod contribution;
 mod document;
 mod environment;
 mod extension;

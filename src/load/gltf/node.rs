@@ -6,10 +6,10 @@
 use super::accessor;
 use super::animation::Pose;
 use super::document::Document;
-use super::role;
 use super::skin::Skin;
+use super::{contribution, role};
 use crate::error::{Error, Result, Warnings};
-use crate::scene::RoleOpinion;
+use crate::scene::{Contribution, RoleOpinion};
 use ::gltf::json;
 use ::gltf::json::accessor::Type;
 use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
@@ -38,6 +38,8 @@ pub(super) struct PlacedNode {
     pub skin: Option<Arc<Skin>>,
     /// What it says, and inherits, of its role.
     pub role: RoleOpinion,
+    /// What it says, and inherits, of how its lights are baked.
+    pub contribution: Contribution,
     /// EXT_mesh_gpu_instancing: transforms within the node.
     instances: Option<Vec<DAffine3>>,
 }
@@ -65,8 +67,9 @@ struct Visit {
     world_from_parent: DAffine3,
     /// Its place in the list of names, and depth.
     parent_name: Option<usize>,
-    /// What it inherits of roles.
+    /// What it inherits of roles, and of how lights are baked.
     role: RoleOpinion,
+    contribution: Contribution,
 }
 
 /// The nodes of a document, and where they are.
@@ -103,6 +106,7 @@ pub(super) fn flatten(document: &Document, pose: &Pose, warnings: &mut Warnings)
             world_from_parent: DAffine3::IDENTITY,
             parent_name: None,
             role: RoleOpinion::default(),
+            contribution: Contribution::default(),
         });
         while let Some(visit) = stack.pop() {
             let index = visit.index;
@@ -133,15 +137,24 @@ pub(super) fn flatten(document: &Document, pose: &Pose, warnings: &mut Warnings)
             }
             let world_from_local = visit.world_from_parent * local_transform(node, index, pose);
             let role = role::opinion(document, index)?.over(visit.role);
+            let json = document.json.get("nodes").and_then(|nodes| nodes.get(index));
+            let contribution =
+                contribution::opinion(json, || document.place("nodes", index))?.over(&visit.contribution);
             // The stack turns the order around.
             for child in node.children.iter().flatten().rev() {
                 let child = child.value();
-                stack.push(Visit { index: child, world_from_parent: world_from_local, parent_name: Some(here), role });
+                stack.push(Visit {
+                    index: child,
+                    world_from_parent: world_from_local,
+                    parent_name: Some(here),
+                    role,
+                    contribution: contribution.clone(),
+                });
             }
             if let Some(node) =
                 tree.place(index, world_from_local, role, || unique.make(path(&names, here)), warnings)?
             {
-                placed.push(node);
+                placed.push(PlacedNode { contribution, ..node });
             }
             // A surface may be called back by settings; lights are left out here.
             if let Some(node) = placed.last_mut().filter(|n| n.index == index && n.role.skip == Some(true)) {
@@ -189,7 +202,20 @@ impl Tree<'_> {
         let animated = self.pose.get(&index).and_then(|a| a.weights.clone());
         let weights = animated.or_else(|| node.weights.clone()).unwrap_or_default();
         let skin = skin.map(|s| self.skin(s)).transpose()?;
-        Ok(Some(PlacedNode { index, name, mesh, light, area_light, world_from_local, weights, skin, role, instances }))
+        let contribution = Contribution::default();
+        Ok(Some(PlacedNode {
+            index,
+            name,
+            mesh,
+            light,
+            area_light,
+            world_from_local,
+            weights,
+            skin,
+            role,
+            contribution,
+            instances,
+        }))
     }
 
     /// Skin `index`, its joints where the pose has them.

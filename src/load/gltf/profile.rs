@@ -84,6 +84,7 @@ pub(super) fn lights(
         lights.push(Light {
             world_from_light,
             profile: Some(Profile { web, scale, angle_scale: 0.0, web_from_light }),
+            contribution: node.contribution.clone(),
             gltf_node: Some(node.index),
             ..Light::new(name, LightShape::Point { position, intensity, range: None })
         });

@@ -9,10 +9,10 @@
 
 use super::document::Document;
 use crate::error::{Error, Result};
-use crate::scene::RoleOpinion;
+use crate::scene::{Contribution, RoleOpinion};
 
 /// Keys that a bake writes into the same object of a node: they say nothing about a role.
-pub const WRITTEN: [&str; 5] = ["page", "texCoord", "scale", "offset", "baked"];
+pub const WRITTEN: [&str; 6] = ["page", "texCoord", "scale", "offset", "baked", "realtime"];
 
 /// The opinions of node `node`.
 ///
@@ -25,9 +25,11 @@ pub(super) fn opinion(document: &Document, node: usize) -> Result<RoleOpinion> {
     let Some(object) = lumel.as_object() else {
         return Err(Error::invalid(place(), "extras.lumel is no object; give it keys such as \"casts\": false"));
     };
-    let is_known = |key: &&String| RoleOpinion::KEYS.contains(&key.as_str()) || WRITTEN.contains(&key.as_str());
+    let known = || RoleOpinion::KEYS.into_iter().chain(Contribution::KEYS);
+    let is_known = |key: &&String| known().chain(WRITTEN).any(|k| k == key.as_str());
     if let Some(key) = object.keys().find(|key| !is_known(key)) {
-        let message = format!("extras.lumel has the unknown key {key}; known are {}", RoleOpinion::KEYS.join(", "));
+        let known = known().collect::<Vec<_>>().join(", ");
+        let message = format!("extras.lumel has the unknown key {key}; known are {known}");
         return Err(Error::invalid(place(), message));
     }
     let opinion: RoleOpinion = document.parse(lumel, "nodes", node)?;

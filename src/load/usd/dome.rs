@@ -45,7 +45,8 @@ pub fn read_dome(walk: &mut Walk, prim: &Prim, kind: &str, state: &State, radian
     // The dome's own frame has its pole on +Y and the middle of the picture on +Z; with a Z pole that middle lies on -Y.
     let dome_from_sky = if pole_is_z { DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y) } else { DMat3::IDENTITY };
     let world_from_sky = rotation(DMat3::from_mat4(state.world)) * dome_from_sky.as_mat3();
-    let sky = Environment { radiance, texture, world_from_sky, ..Environment::constant(name, radiance) };
+    let contribution = state.contribution.clone();
+    let sky = Environment { texture, world_from_sky, contribution, ..Environment::constant(name, radiance) };
     let portals = prim.relationship("portals").forwarded_targets().unwrap_or_default();
     if !portals.is_empty() {
         let portals = portals.iter().map(|path| path.as_str().to_owned()).collect();
@@ -54,8 +55,6 @@ pub fn read_dome(walk: &mut Walk, prim: &Prim, kind: &str, state: &State, radian
     }
     match &mut walk.scene.environment {
         None => walk.scene.environment = Some(sky),
-        // Constant skies are one sky.
-        Some(first) if first.texture.is_none() && sky.texture.is_none() => first.radiance += sky.radiance,
         Some(first) => first.others.push(sky),
     }
 }
@@ -92,7 +91,8 @@ impl Domes {
                 };
                 unused.retain(|other| *other != path);
                 let shape = LightShape::Portal { center: *center, u: *u, v: *v, sky: Arc::clone(&sky) };
-                scene.lights.push(Light { world_from_light: *axes, ..Light::new(&sky.name, shape) });
+                let contribution = sky.contribution.clone();
+                scene.lights.push(Light { world_from_light: *axes, contribution, ..Light::new(&sky.name, shape) });
             }
         }
         for path in unused {

@@ -128,7 +128,11 @@ pub fn read_light(walk: &mut Walk, prim: &Prim, kind: &str, state: &State) {
         luminance,
     };
     let shape = shape(prim, kind, &placed, &mut walk.warnings);
-    let mut light = Light { world_from_light: axes(&placed.linear()), ..Light::new(name, shape) };
+    let mut light = Light {
+        world_from_light: axes(&placed.linear()),
+        contribution: state.contribution.clone(),
+        ..Light::new(name, shape)
+    };
     let number = walk.scene.lights.len();
     if kind != "DistantLight" {
         light.shaping = shaping::shaping(prim, state.world, &mut walk.warnings);

@@ -10,6 +10,7 @@
 //! Colours are constants, textures, the primvar displayColor, or products of these. Metals count as diffuse surfaces of
 //! the same colour; a coat, a sheen or scattering below the surface is not followed.
 
+use super::contribution;
 use super::mesh::MaterialUse;
 use super::network::{self, Origin};
 use super::read::{self, Reading};
@@ -17,7 +18,7 @@ use super::texture::{Sampled, Textures};
 use super::udim;
 use crate::color::Rgb;
 use crate::load::access::Access;
-use crate::scene::{Alpha, Material, Mesh, Texture, TextureSlot};
+use crate::scene::{Alpha, Contribution, Material, Mesh, Texture, TextureSlot};
 use glam::Vec3;
 use openusd::sdf::{Path, Value};
 use openusd::usd::{Attribute, Prim, Stage};
@@ -259,6 +260,7 @@ impl Materials {
         }
         report_metal(prim, shader, inputs, w);
         let (alpha, opacity_texture) = self.alpha(shader, inputs, &mut base, w);
+        let names = prim.authored_property_names().unwrap_or_default();
         let material = Material {
             name: prim.path().as_str().to_owned(),
             albedo: albedo.clamp(Rgb::ZERO, Rgb::ONE),
@@ -270,6 +272,7 @@ impl Materials {
             opacity_texture,
             transmission: transmission.factor.clamp(Rgb::ZERO, Rgb::ONE),
             transmission_texture: transmission.texture,
+            contribution: contribution::opinion(prim, &names, &Contribution::default(), w),
         };
         Parsed { material, display_color: base.display_color }
     }
@@ -395,6 +398,7 @@ impl Materials {
         let Some(base) = self.materials.get(index as usize) else { return index };
         let mut material = base.clone();
         material.name = format!("{} ({})", base.name, glow.light);
+        material.contribution = glow.contribution.over(&base.contribution);
         match glow.sync {
             Sync::Tint if material.is_emissive() => material.emission *= glow.radiance,
             Sync::Tint | Sync::Independent | Sync::NoResponse => {
@@ -435,6 +439,8 @@ pub struct Glow<'a> {
     /// [nit]
     pub radiance: Rgb,
     pub sync: Sync,
+    /// What is said of how it is baked, which goes before what the material says.
+    pub contribution: &'a Contribution,
 }
 
 impl ColorInput {

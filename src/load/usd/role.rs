@@ -13,12 +13,12 @@
 //! instancer. [`crate::scene::role`] says what the roles mean.
 
 use super::read::{self, Reading};
-use crate::scene::RoleOpinion;
+use crate::scene::{Contribution, RoleOpinion};
 use openusd::tf::Token;
 use openusd::usd::Prim;
 
-/// What else begins with `lumel:`: what a bake writes, and projectors.
-const OTHERS: [&str; 6] = ["lightmap", "lightmaps", "uvName", "quantity", "baked", "projector"];
+/// What else begins with `lumel:` beside what says how lights are baked: what a bake writes, and projectors.
+const OTHERS: [&str; 7] = ["lightmap", "lightmaps", "uvName", "quantity", "baked", "realtime", "projector"];
 
 /// The opinions of `prim`, whose authored properties are `names`, over those that it inherits. Wrong ones are warnings.
 pub fn opinion(prim: &Prim, names: &[Token], above: RoleOpinion, w: &mut Reading) -> RoleOpinion {
@@ -28,8 +28,9 @@ pub fn opinion(prim: &Prim, names: &[Token], above: RoleOpinion, w: &mut Reading
     }
     for name in ours() {
         let base = name.split(':').next().unwrap_or(name);
-        if !OTHERS.contains(&base) && !RoleOpinion::KEYS.contains(&name) {
-            let keys = RoleOpinion::KEYS.map(|key| format!("lumel:{key}")).join(", ");
+        let keys = || RoleOpinion::KEYS.into_iter().chain(Contribution::KEYS);
+        if !OTHERS.contains(&base) && !keys().any(|key| key == name) {
+            let keys = keys().map(|key| format!("lumel:{key}")).collect::<Vec<_>>().join(", ");
             w.add(format!("{}.lumel:{name}", prim.path()), format!("is no known attribute; known are {keys}"));
         }
     }

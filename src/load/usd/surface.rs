@@ -7,7 +7,7 @@ use super::read::{self, Reading};
 use super::walk::{MAX_SURFACES, Placed, State, Walk, constant_color};
 use super::{binding, light, shape, skel, subdivision, texture};
 use crate::color::Rgb;
-use crate::scene::{Mesh, SurfaceOrigin};
+use crate::scene::{Contribution, Mesh, SurfaceOrigin};
 use glam::{DMat4, Vec3};
 use openusd::usd::Prim;
 use std::collections::HashMap;
@@ -25,7 +25,7 @@ pub struct MeshKey {
 }
 
 /// A mesh, the strength [bits of nits] and the mode of a light on its surface.
-pub type ShiningKey = (usize, [u32; 3], Sync);
+pub type ShiningKey = (usize, [u32; 3], Sync, Contribution);
 
 /// The materials of a gprim: its own, and those of its subsets.
 struct MaterialUses {
@@ -49,7 +49,7 @@ impl Walk {
         }
         let Some(mut mesh) = self.shared_mesh(prim, kind, state) else { return };
         if prim.has_api_schema("LightAPI").unwrap_or(false) {
-            mesh = self.shining(prim, mesh, &state.world);
+            mesh = self.shining(prim, mesh, state);
         }
         let path = prim.path().as_str();
         let (root, instanced) = match &state.instance {
@@ -174,7 +174,7 @@ impl Walk {
     }
 
     /// `mesh`, placed by `world`, with the light of the mesh light `prim` on its surface.
-    fn shining(&mut self, prim: &Prim, mesh: usize, world: &DMat4) -> usize {
+    fn shining(&mut self, prim: &Prim, mesh: usize, state: &State) -> usize {
         let w = &mut self.warnings;
         let sync = match read::token(prim, "light:materialSyncMode", w).as_deref() {
             Some("independent") => Sync::Independent,
@@ -184,14 +184,14 @@ impl Walk {
         let mut radiance = light::luminance(prim, w);
         if read::boolean(prim, "inputs:normalize", w).unwrap_or(false) {
             // As of any light, by the area in the stage's own units.
-            let area = area(&self.scene.meshes[mesh], world) / (self.metres_per_unit * self.metres_per_unit);
+            let area = area(&self.scene.meshes[mesh], &state.world) / (self.metres_per_unit * self.metres_per_unit);
             radiance = if area > 0.0 { radiance / area as f32 } else { Rgb::ZERO };
         }
         if !radiance.is_finite() {
             w.add(prim.path(), "a mesh light without a finite strength shines by its material alone");
             return mesh;
         }
-        let key = (mesh, radiance.to_array().map(f32::to_bits), sync);
+        let key = (mesh, radiance.to_array().map(f32::to_bits), sync, state.contribution.clone());
         if let Some(&known) = self.shining.get(&key) {
             return known;
         }
@@ -199,7 +199,7 @@ impl Walk {
         if sync == Sync::Tint && !self.scene.meshes[mesh].triangle_material.iter().any(glows) {
             w.add(prim.path(), "a mesh light whose material has no emission to tint shines in its own colour");
         }
-        let glow = Glow { light: prim.path().as_str(), radiance, sync };
+        let glow = Glow { light: prim.path().as_str(), radiance, sync, contribution: &state.contribution };
         let mut copy = self.scene.meshes[mesh].clone();
         let mut known: HashMap<u32, u32> = HashMap::new();
         for material in &mut copy.triangle_material {

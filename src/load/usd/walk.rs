@@ -6,11 +6,11 @@ use super::read::{self, Reading};
 use super::role;
 use super::skel::Skeletons;
 use super::surface::{MeshKey, ShiningKey};
-use super::{light, shape, xform};
+use super::{contribution, light, shape, xform};
 use crate::error::Warnings;
 use crate::load::access::Access;
 use crate::load::options::{LoadOptions, Purpose};
-use crate::scene::{Role, RoleOpinion, Scene, Surface, SurfaceOrigin};
+use crate::scene::{Contribution, Role, RoleOpinion, Scene, Surface, SurfaceOrigin};
 use glam::{Affine3A, DMat4, Vec3};
 use openusd::sdf::{Path, Specifier};
 use openusd::tf::Token;
@@ -47,6 +47,8 @@ pub struct State {
     pub color: Option<Vec3>,
     /// What is said of roles here and above.
     pub role: RoleOpinion,
+    /// What is said here and above of how lights are baked.
+    pub contribution: Contribution,
     /// The outermost native instance above, as a path.
     pub instance: Option<Rc<str>>,
     depth: usize,
@@ -161,6 +163,7 @@ impl Walk {
             bindings: None,
             color: None,
             role: RoleOpinion::default(),
+            contribution: Contribution::default(),
             instance: None,
             depth: 0,
         };
@@ -278,6 +281,7 @@ impl Walk {
             state.world = base * local.parent_from_local;
         }
         state.role = role::opinion(prim, names, above.role, w);
+        state.contribution = contribution::opinion(prim, names, &above.contribution, w);
         state.bindings = binding::level(prim, names, &above.bindings, w);
         if has("primvars:displayColor")
             && let Some(color) = constant_color(prim, w)

@@ -3,13 +3,16 @@
 use super::document::{Document, Object, index, number, numbers};
 use crate::error::Result;
 use crate::load::gltf::role;
+use crate::scene::{BakeMode, Scene};
 use crate::unwrap::Placement;
 use crate::write::{Baked, BakedLights};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
 /// Name of the object inside `extras`.
 const KEY: &str = "lumel";
 const LIGHTS: &str = "KHR_lights_punctual";
+const SKY: &str = "EXT_lights_image_based";
 /// Extensions by which a node shines.
 const SHINING: [&str; 3] = [LIGHTS, "EXT_lights_area", "EXT_lights_ies"];
 
@@ -46,7 +49,9 @@ pub fn strip(doc: &mut Document) {
     root.get_mut("asset").and_then(Value::as_object_mut).into_iter().for_each(strip_object);
     let nodes = root.get_mut("nodes").and_then(Value::as_array_mut);
     nodes.into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_node);
-    lights(root).into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_object);
+    lights(root).into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_node);
+    let skies = root.get_mut("extensions").and_then(|e| e.get_mut(SKY)?.get_mut("lights")?.as_array_mut());
+    skies.into_iter().flatten().filter_map(Value::as_object_mut).for_each(strip_node);
 }
 
 /// Writes what the whole bake holds into `asset.extras.lumel`; `vertex_scale` where there are baked vertex colours.
@@ -83,42 +88,91 @@ pub fn write_placement(doc: &mut Document, node: usize, placement: &Placement, t
     Ok(())
 }
 
-/// Marks or removes the lights whose nodes are `nodes`.
+/// Marks or removes the lights of `scene` in its source, and its sky: what is wholly baked as `baked`, what is baked as indirect light
+/// alone as `bake` and, in `realtime`, what an engine has to add. Dynamic lights stay as they are.
 ///
 /// # Errors
 /// `Invalid` where there is no such node.
-pub fn write_lights(doc: &mut Document, nodes: impl Iterator<Item = usize>, mode: BakedLights) -> Result<()> {
-    for node in nodes {
+pub fn write_lights(doc: &mut Document, scene: &Scene, lights: BakedLights) -> Result<()> {
+    if lights == BakedLights::Keep {
+        return Ok(());
+    }
+    // What several lights of a node, or several nodes of a light, don't agree on stays with the engine.
+    let mut modes: BTreeMap<usize, BakeMode> = BTreeMap::new();
+    let mut of_light: BTreeMap<usize, BakeMode> = BTreeMap::new();
+    let keep = |known: &mut BakeMode, mode: BakeMode| *known = mode.max(*known);
+    for light in &scene.lights {
+        let (Some(node), mode) = (light.gltf_node, light.contribution.mode()) else { continue };
+        keep(modes.entry(node).or_insert(mode), mode);
+    }
+    for (&node, &mode) in &modes {
+        let light = doc.item("nodes", node)?.get("extensions").and_then(|e| e.get(LIGHTS)?.get("light")?.as_u64());
+        if let Some(light) = light.and_then(|light| usize::try_from(light).ok()) {
+            keep(of_light.entry(light).or_insert(mode), mode);
+        }
+    }
+    for (node, mode) in modes {
         let node = doc.item_mut("nodes", node)?;
-        match mode {
-            BakedLights::Keep => {}
-            BakedLights::Mark => {
-                let light = node.get("extensions").and_then(|e| e.get(LIGHTS)).and_then(|l| l.get("light"));
-                let light = light.and_then(Value::as_u64);
-                lumel(node).insert("baked".into(), true.into());
-                let light = light.and_then(|i| lights(doc.root_mut())?.get_mut(usize::try_from(i).ok()?));
-                if let Some(light) = light.and_then(Value::as_object_mut) {
-                    lumel(light).insert("baked".into(), true.into());
-                }
-            }
-            BakedLights::Remove => {
-                if let Some(extensions) = node.get_mut("extensions").and_then(Value::as_object_mut) {
-                    SHINING.iter().for_each(|name| drop(extensions.shift_remove(*name)));
-                    if extensions.is_empty() {
-                        node.shift_remove("extensions");
-                    }
-                }
+        if (mode, lights) != (BakeMode::Baked, BakedLights::Remove) {
+            mark(node, mode);
+        } else if let Some(extensions) = node.get_mut("extensions").and_then(Value::as_object_mut) {
+            SHINING.iter().for_each(|name| drop(extensions.shift_remove(*name)));
+            if extensions.is_empty() {
+                node.shift_remove("extensions");
             }
         }
     }
+    for (light, mode) in of_light {
+        let light =
+            self::lights(doc.root_mut()).and_then(|lights| lights.get_mut(light)).and_then(Value::as_object_mut);
+        if let Some(light) = light.filter(|_| (mode, lights) != (BakeMode::Baked, BakedLights::Remove)) {
+            mark(light, mode);
+        }
+    }
+    write_sky(doc, scene, lights);
     for name in SHINING {
         let is_light = |node: &Value| node.get("extensions").is_some_and(|e| e.get(name).is_some());
         let nodes = doc.root().get("nodes").and_then(Value::as_array);
-        if mode == BakedLights::Remove && !nodes.is_some_and(|nodes| nodes.iter().any(is_light)) {
+        if lights == BakedLights::Remove && !nodes.is_some_and(|nodes| nodes.iter().any(is_light)) {
             doc.drop_extension(name);
         }
     }
     Ok(())
+}
+
+/// Marks what shines with what of it is baked.
+pub fn mark(object: &mut Object, mode: BakeMode) {
+    match mode.left_to_engine() {
+        None => drop(lumel(object).insert("baked".into(), true.into())),
+        Some(_) if mode == BakeMode::Dynamic => {}
+        Some(left) => {
+            lumel(object).insert("bake".into(), mode.name().into());
+            lumel(object).insert("realtime".into(), left.into());
+        }
+    }
+}
+
+/// Marks or removes the sky of the default scene, where it is the one that was baked and not one from the command line.
+fn write_sky(doc: &mut Document, scene: &Scene, lights: BakedLights) {
+    let Some(sky) = scene.environment.as_ref().filter(|sky| !sky.name.starts_with("--")) else { return };
+    let mode = sky.contribution.mode();
+    let shown = index(doc.root(), "scene").unwrap_or(0);
+    let Some(scenes) = doc.root_mut().get_mut("scenes").and_then(Value::as_array_mut) else { return };
+    let Some(extensions) = scenes.get_mut(shown).and_then(|s| s.get_mut("extensions")?.as_object_mut()) else { return };
+    let Some(light) = extensions.get(SKY).and_then(|sky| sky.get("light")?.as_u64()) else { return };
+    if (mode, lights) == (BakeMode::Baked, BakedLights::Remove) {
+        extensions.shift_remove(SKY);
+        if extensions.is_empty() {
+            scenes[shown].as_object_mut().into_iter().for_each(|scene| drop(scene.shift_remove("extensions")));
+        }
+        if !scenes.iter().any(|scene| scene.get("extensions").is_some_and(|e| e.get(SKY).is_some())) {
+            doc.drop_extension(SKY);
+        }
+        return;
+    }
+    let place = usize::try_from(light).unwrap_or(usize::MAX);
+    let light = doc.root_mut().get_mut("extensions").and_then(|e| e.get_mut(SKY)?.get_mut("lights")?.get_mut(place));
+    light.and_then(Value::as_object_mut).into_iter().for_each(|light| mark(light, mode));
 }
 
 /// The punctual lights of the document.

@@ -48,7 +48,7 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
                     extras::write_asset(&mut doc, baked, Some(scale));
                 }
             }
-            extras::write_lights(&mut doc, baked.scene.lights.iter().filter_map(|l| l.gltf_node), baked.lights)?;
+            extras::write_lights(&mut doc, baked.scene, baked.lights)?;
             before.compact(&mut doc);
             doc
         }

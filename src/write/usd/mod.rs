@@ -39,11 +39,11 @@ use super::{Baked, BakedLights};
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::load::usd::UsdSource;
-use crate::scene::Environment;
+use crate::scene::{BakeMode, Environment};
 use input::Input;
 use instances::Instances;
 use layer::{Attribute, Layer};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -88,7 +88,8 @@ fn write_layer(path: &Path, source: &UsdSource, baked: &Baked) -> Result<Warning
     Ok(warnings)
 }
 
-/// Marks or deactivates every light that is in the bake.
+/// Marks or deactivates every light that is in the bake: wholly baked ones as baked, those of which indirect light alone is baked by
+/// what an engine has to add. Dynamic ones stay as they are.
 fn mark_lights(
     baked: &Baked,
     input: &mut Input,
@@ -99,11 +100,12 @@ fn mark_lights(
     if baked.lights == BakedLights::Keep {
         return;
     }
+    let skies = baked.scene.environment.iter().flat_map(Environment::each).map(|e| (&e.name, &e.contribution));
+    let all = baked.scene.lights.iter().map(|l| (&l.name, &l.contribution)).chain(skies);
     // A sun or sky from the command line is named by its flag.
-    let skies = baked.scene.environment.iter().flat_map(Environment::each).map(|e| e.name.as_str());
-    let names = baked.scene.lights.iter().map(|l| l.name.as_str()).chain(skies);
-    let lights: BTreeSet<&str> = names.filter(|n| n.starts_with('/')).collect();
-    for light in lights {
+    let lights: BTreeMap<&str, BakeMode> =
+        all.filter(|(name, _)| name.starts_with('/')).map(|(name, c)| (name.as_str(), c.mode())).collect();
+    for (light, mode) in lights.into_iter().filter(|(_, mode)| *mode != BakeMode::Dynamic) {
         if input.prim(light).is_none() {
             warnings
                 .add(light, "the baked light has no prim of its own in the stage, so it was not marked in the layer");
@@ -111,9 +113,13 @@ fn mark_lights(
         }
         let site = instances.site(light, input, layer);
         let prim = layer.prim(&site);
-        match baked.lights {
-            BakedLights::Remove => prim.inactive = true,
-            _ => prim.set(Attribute::custom("bool", "lumel:baked", "1".into())),
+        match (mode.left_to_engine(), baked.lights) {
+            (None, BakedLights::Remove) => prim.inactive = true,
+            (None, _) => prim.set(Attribute::custom("bool", "lumel:baked", "1".into())),
+            (Some(left), _) => {
+                prim.set(Attribute::custom("token", "lumel:bake", layer::quoted(mode.name())));
+                prim.set(Attribute::custom("token", "lumel:realtime", layer::quoted(left)));
+            }
         }
     }
 }

@@ -5,7 +5,7 @@ use super::super::extras;
 use super::mesh::array;
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
-use crate::scene::{Light, LightShape};
+use crate::scene::{BakeMode, Light, LightShape};
 use crate::write::{Baked, BakedLights};
 use glam::{Quat, Vec3};
 use serde_json::{Value, json};
@@ -18,24 +18,30 @@ const EXTENSION: &str = "KHR_lights_punctual";
 /// None but broken documents.
 pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Result<Vec<usize>> {
     let mut nodes = Vec::new();
-    if baked.lights == BakedLights::Remove {
-        return Ok(nodes);
-    }
     let mut lights = Vec::new();
     for light in &baked.scene.lights {
+        let mode = light.contribution.mode();
+        if (mode, baked.lights) == (BakeMode::Baked, BakedLights::Remove) {
+            continue;
+        }
         let Some((mut json, mut node)) = punctual(light) else {
-            let message = "a light of this shape can't be expressed in the GLB; its light is in the lightmap alone";
+            let message = match mode {
+                BakeMode::Baked => {
+                    "a light of this shape can't be expressed in the GLB; its light is in the lightmap alone"
+                }
+                _ => "a light of this shape can't be expressed in the GLB, and not all of its light is in the lightmap",
+            };
             warnings.add(&light.name, message);
             continue;
         };
         json["name"] = light.name.as_str().into();
         node["name"] = light.name.as_str().into();
         node["extensions"] = json!({ EXTENSION: { "light": lights.len() } });
-        if baked.lights == BakedLights::Mark
+        if baked.lights != BakedLights::Keep
             && let (Some(json), Some(node)) = (json.as_object_mut(), node.as_object_mut())
         {
-            extras::lumel(json).insert("baked".into(), true.into());
-            extras::lumel(node).insert("baked".into(), true.into());
+            extras::mark(json, mode);
+            extras::mark(node, mode);
         }
         lights.push(json);
         nodes.push(doc.push("nodes", node));
