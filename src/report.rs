@@ -7,6 +7,7 @@ use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
+use crate::write::encode::Encoding;
 use cpu_time::ProcessTime;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -23,6 +24,9 @@ pub struct Report {
     pub settings: Settings,
     pub surfaces: Vec<SurfaceReport>,
     pub pages: Vec<PageReport>,
+    /// Forms that pages were written in, besides or in place of OpenEXR.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub encodings: Vec<EncodingReport>,
     /// Texels per metre.
     pub density: f32,
     /// Covered texels, those of hidden pages included.
@@ -96,6 +100,16 @@ pub struct PageReport {
     pub height: u32,
     /// Share of the texels that are covered at least in part.
     pub utilisation: Option<f64>,
+}
+
+/// A form that pages were written in.
+#[derive(Clone, Debug, Serialize)]
+pub struct EncodingReport {
+    pub name: &'static str,
+    /// Decoded texels times this are the values.
+    pub scale: f32,
+    /// Relative to the output folder, in page order.
+    pub uris: Vec<String>,
 }
 
 /// Time a stage took.
@@ -176,6 +190,9 @@ impl Report {
             }
         };
         self.surfaces = (0..scene.surfaces.len()).map(describe).collect();
+        let forms = baked.encoded.iter().filter(|f| f.encoding != Encoding::Exr);
+        self.encodings =
+            forms.map(|f| EncodingReport { name: f.encoding.name(), scale: f.scale, uris: f.uris.clone() }).collect();
         self.pages = (atlas.pages.iter().take(atlas.shown_pages).enumerate())
             .map(|(page, &[width, height])| {
                 let coverage = baked.lightmap.map(|l| l.pages[page].coverage.iter().filter(|c| **c > 0.0).count());

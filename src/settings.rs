@@ -18,6 +18,8 @@ use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, UnwrapParams, UvMode};
 use crate::view_factors::{self, ViewFactorParams};
+use crate::write::encode::Encoding;
+use crate::write::engines::{Engine, LightmapExtension};
 use crate::write::{BakedLights, GltfProfile};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -62,6 +64,13 @@ pub struct Settings {
     pub uv_name: Option<String>,
     pub normals: Normals,
     pub quantity: Quantity,
+    /// The engine that the result goes into: a note beside it says how to load it. The command chooses what else it wants.
+    #[serde(rename = "for")]
+    pub engine: Option<Engine>,
+    /// Forms that pages are written in; none: OpenEXR.
+    pub encoding: Option<Vec<Encoding>>,
+    /// KTX2 pages get mip levels.
+    pub mips: bool,
     pub method: Method,
     /// Parts of the light that pages hold as layers of their own.
     pub layers: Vec<LayerKind>,
@@ -103,6 +112,8 @@ pub struct Settings {
     pub environment: Option<PathBuf>,
     /// Forms of the GLB; none: engine and vertex.
     pub gltf: Option<Vec<GltfProfile>>,
+    /// Extension by which the engine GLB names its pages, besides its extras.
+    pub gltf_lightmap_ext: Option<LightmapExtension>,
     pub lights: BakedLights,
     /// Pictures that lights are to throw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -465,6 +476,16 @@ impl Settings {
             strategy: Strategy::Combined,
             seed: self.seed,
         }
+    }
+
+    /// The forms that pages are written in: those asked for, or OpenEXR, and one that the extension can name.
+    pub fn encodings(&self) -> Vec<Encoding> {
+        let mut all = self.encoding.clone().unwrap_or_else(|| vec![Encoding::Exr]);
+        let named = self.gltf_lightmap_ext.map_or(&[][..], LightmapExtension::encodings);
+        if !named.is_empty() && !named.iter().any(|e| all.contains(e)) {
+            all.push(named[0]);
+        }
+        all
     }
 
     /// The GLBs to write.

@@ -183,6 +183,8 @@ impl Bake {
             quantity: self.lightmap.quantity,
             corners: Some(&self.corners),
             page_uris: &["lightmaps/square_0.exr".to_string()],
+            encoded: &[],
+            lightmap_extension: None,
             folder: Path::new("out"),
             lights: self.lights,
         };
@@ -424,6 +426,8 @@ fn broken_documents_are_errors() {
             quantity: bake.lightmap.quantity,
             corners: Some(&bake.corners),
             page_uris: &[],
+            encoded: &[],
+            lightmap_extension: None,
             folder: Path::new("out"),
             lights: bake.lights,
         };

@@ -1,0 +1,193 @@
+//! The note beside a result: how an engine loads it, with the names and numbers of this bake.
+
+use super::{Engine, Vertical, rectangle};
+use crate::post::{PageImage, Quantity};
+use crate::scene::SurfaceOrigin;
+use crate::write::Baked;
+use crate::write::encode::{Encoded, Encoding};
+use std::fmt::Write;
+
+/// Rectangles that are listed; the others stand in the report.
+const MOST_ROWS: usize = 24;
+
+/// Mean of the covered texels and the largest value of any channel.
+fn levels(pages: &[PageImage]) -> (f64, f32) {
+    let (mut sum, mut weight, mut largest) = (0.0f64, 0.0f64, 0.0f32);
+    for (color, coverage) in pages.iter().flat_map(|p| p.rgb.iter().zip(&p.coverage)) {
+        sum += f64::from(crate::color::luminance(*color)) * f64::from(*coverage);
+        weight += f64::from(*coverage);
+        largest = largest.max(color.max_element());
+    }
+    (if weight > 0.0 { sum / weight } else { 0.0 }, largest)
+}
+
+/// The note's text. `glb` names the GLB for engines beside it, where one was written.
+pub fn note(engine: Engine, baked: &Baked, glb: Option<&str>) -> String {
+    let mut text = String::new();
+    let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    // Writing to a String does not fail.
+    let _ = head(&mut text, engine, baked, &scene, glb);
+    if let Some(file) = baked.encoded.iter().find(|e| e.encoding == engine.encoding()).or(baked.encoded.first()) {
+        let _ = steps(&mut text, engine, baked.quantity, file, glb.unwrap_or("the GLB"));
+    }
+    let _ = rectangles(&mut text, engine, baked);
+    text
+}
+
+/// Files, quantity and levels.
+fn head(text: &mut String, engine: Engine, baked: &Baked, scene: &str, glb: Option<&str>) -> std::fmt::Result {
+    writeln!(text, "{scene}, baked for {}", engine.title())?;
+    writeln!(text)?;
+    if let Some(glb) = glb {
+        writeln!(text, "geometry   {glb}: lightmap UVs in a set of their own (extras.lumel.texCoord of each node)")?;
+    }
+    for form in baked.encoded {
+        for (uri, [width, height]) in form.uris.iter().zip(&baked.atlas.pages) {
+            writeln!(text, "page       {uri}: {width} x {height}, {}", decode(form))?;
+        }
+    }
+    let what = match baked.quantity {
+        Quantity::Outgoing => "E / pi [nit]: what a white wall sends out; to be multiplied by the albedo alone",
+        Quantity::Irradiance => "E [lx]: to be multiplied by the albedo over pi",
+        Quantity::Radiosity => "B [lm/m^2]: the albedo is in it; over pi it is what a wall sends out",
+    };
+    writeln!(text, "quantity   {what}")?;
+    if let Some(lightmap) = baked.lightmap {
+        let (mean, largest) = levels(&lightmap.pages);
+        let unit = baked.quantity.unit();
+        writeln!(text, "levels     {mean:.4} {unit} on average, {largest:.4} {unit} at most")?;
+    }
+    writeln!(text, "filter     bilinear, clamped; the gutters hold {} texel(s)", baked.atlas.padding)?;
+    writeln!(
+        text,
+        "lights     those that are baked carry extras.lumel.baked: leave them out, or they light the scene twice"
+    )?;
+    writeln!(text)
+}
+
+/// How a file's texels become values.
+fn decode(form: &Encoded) -> String {
+    let scale = form.scale;
+    let scaled = |formula: &str| if scale == 1.0 { formula.to_string() } else { format!("{scale} * {formula}") };
+    match form.encoding {
+        Encoding::Exr => "OpenEXR, linear, coverage in alpha".into(),
+        Encoding::Hdr => "Radiance HDR, linear".into(),
+        Encoding::Rgbm => format!("RGBM: {}", scaled("(8 A RGB)^2")),
+        Encoding::RgbmSrgb => format!("RGBM: {}", scaled("linear_from_srgb(8 A RGB)")),
+        Encoding::Rgbd => format!("RGBD: {}", scaled("RGB^2.2 / A")),
+        Encoding::Ktx2Half => "KTX2 of half floats, linear, coverage in alpha".into(),
+        Encoding::Ktx2Bc6h => "KTX2 of BC6H blocks, linear".into(),
+    }
+}
+
+/// What to do in the engine.
+fn steps(text: &mut String, engine: Engine, quantity: Quantity, file: &Encoded, glb: &str) -> std::fmt::Result {
+    let page = file.uris.first().map_or("the page", String::as_str);
+    let Some(intensity) = engine.intensity(quantity) else {
+        return writeln!(
+            text,
+            "Radiosity holds the albedo already and no lightmap slot fits it: show it as emission, over pi, on black.\n"
+        );
+    };
+    // Decoding leaves the scale to the engine's own factor.
+    let factor = intensity * file.scale;
+    let lines = match engine {
+        Engine::Bevy => format!(
+            "Load {glb} with GltfPlugin. For each node's mesh entity insert\n\
+             \x20   Lightmap {{ image: asset_server.load(\"{page}\"), uv_rect: Rect {{ min: offset, max: offset + scale }}, bicubic_sampling: false }}\n\
+             with the rectangle below (extras arrive as the component GltfExtras), and set\n\
+             \x20   material.lightmap_exposure = {factor}\n\
+             on its StandardMaterial. What is shown is albedo * texel * lightmap_exposure * the camera's exposure, in which Bevy's\n\
+             lights are too. Ambient light does not reach lightmapped meshes unless affects_lightmapped_meshes is set.\n\
+             Bevy keeps rectangles in 16 bits: on pages of 8192 texels and more, give meshes UVs of the page itself (--gltf-lightmap-ext moz)."
+        ),
+        Engine::Three => format!(
+            "Load {glb} with GLTFLoader and {page} with {}. For each node with userData.lumel, on a clone of its texture and material:\n\
+             \x20   texture.channel = lumel.texCoord; texture.repeat.set(scale.x, {}scale.y); texture.offset.set(offset.x, {})\n\
+             \x20   material.lightMap = texture; material.lightMapIntensity = {factor}\n\
+             MeshLambertMaterial and MeshBasicMaterial show albedo * E / pi. MeshStandardMaterial takes off what its dielectric coat\n\
+             reflects, some 4 %; a MeshPhysicalMaterial with specularIntensity 0 does not.",
+            if file.encoding == Encoding::Hdr {
+                "HDRLoader"
+            } else if file.encoding.has_mips() {
+                "KTX2Loader"
+            } else {
+                "EXRLoader"
+            },
+            // The loaders of EXR and HDR put row 0 at the bottom.
+            if file.encoding.has_mips() { "" } else { "-" },
+            if file.encoding.has_mips() { "offset.y" } else { "1 - offset.y" },
+        ),
+        Engine::Playcanvas => format!(
+            "Load {glb}. Load {page} as a texture of type pc.TEXTURETYPE_RGBM, clamped, without mipmaps. For each node, on a clone of its material:\n\
+             \x20   material.lightMap = texture; material.lightMapUv = 1\n\
+             \x20   material.lightMapTiling = (x, y); material.lightMapOffset = (z, w) of the rectangles below\n\
+             Scale: what is shown is albedo * decoded texel; multiply the camera's exposure by {factor} to see nit."
+        ),
+        Engine::Babylon => format!(
+            "Load {glb}. Load {page} with new Texture(url, scene, true, false) (no mipmaps, not turned over) and set\n\
+             \x20   texture.isRGBD = true; texture.gammaSpace = false; texture.coordinatesIndex = 1; texture.level = {factor}\n\
+             \x20   texture.uScale, vScale, uOffset, vOffset = the rectangle below; set uRotationCenter and vRotationCenter to 0\n\
+             For each node, on a clone of its PBRMaterial: material.lightmapTexture = texture; material.useLightmapAsShadowmap = true;\n\
+             material.ambientColor = white, scene.ambientColor = white: the ambient term gives the albedo, the lightmap multiplies it.\n\
+             Without useLightmapAsShadowmap Babylon adds the page to the colour and the albedo is lost."
+        ),
+        Engine::Unity => format!(
+            "Import {glb} (glTFast turns v up). Import {page} as texture type Lightmap, no compression that drops below BC6H. Then\n\
+             \x20   LightmapSettings.lightmapsMode = NonDirectional; LightmapSettings.lightmaps = one LightmapData a page, lightmapColor = the page\n\
+             \x20   renderer.lightmapIndex = page; renderer.lightmapScaleOffset = (x, y, z, w) of the rectangles below\n\
+             Unity multiplies by the albedo alone. Multiply the page by {factor} and by the exposure that your lights are set up for;\n\
+             in HDRP with physical units the page is nit as it stands."
+        ),
+        Engine::Unreal => format!(
+            "Import {glb} by Interchange and {page} as a texture: HDR (RGB, no sRGB) or BC6H, no mips, TA_Clamp. Unreal takes no lightmaps of\n\
+             others in its own slot: give surfaces an unlit material with\n\
+             \x20   emissive = base colour * page(UV1 * scale + offset) * {factor}\n\
+             (a material instance a surface, with the rectangle below as a vector parameter). Emissive is in nit, as the page is."
+        ),
+        Engine::Godot => format!(
+            "Import {glb} (TEXCOORD_1 arrives as UV2) and {page} (EXR, not as VRAM compressed, mipmaps off). LightmapGI reads only what it\n\
+             baked itself: give surfaces a ShaderMaterial with render_mode unshaded and\n\
+             \x20   uniform sampler2D page : filter_linear, repeat_disable; uniform vec4 rectangle;\n\
+             \x20   ALBEDO = albedo.rgb * texture(page, UV2 * rectangle.xy + rectangle.zw).rgb * {factor};\n\
+             and the rectangle below as an instance uniform. Set the camera's exposure for nit, or divide by the level that should be white."
+        ),
+        Engine::Blender => format!(
+            "Import {glb}. In each material: UV Map node (UVMap.001) -> Mapping (scale x, y; location z, w of the rectangles below) ->\n\
+             Image Texture {page} (Non-Color, Linear, Extend) -> times the base colour -> Emission of strength {factor}. View transform Standard."
+        ),
+        Engine::Needle => format!(
+            "Open {glb} in Needle Engine: it names its pages (NEEDLE_lightmaps) and rectangles itself. Values over the scale {} are in the\n\
+             pages; set the renderer's toneMappingExposure to {factor} times that of lux.",
+            file.scale
+        ),
+        Engine::Hubs => format!(
+            "Put {glb} and {page} into a scene as they are: MOZ_lightmap names the pages and their intensity {factor}."
+        ),
+    };
+    writeln!(text, "{lines}\n")
+}
+
+/// The rectangles of surfaces.
+fn rectangles(text: &mut String, engine: Engine, baked: &Baked) -> std::fmt::Result {
+    let vertical = engine.vertical();
+    let way = if vertical == Vertical::Up { "up" } else { "down" };
+    writeln!(text, "rectangles: page UV = lightmap UV * (x, y) + (z, w), v {way}")?;
+    let shown: Vec<usize> = (0..baked.scene.surfaces.len()).filter(|s| baked.atlas.is_shown(*s)).collect();
+    for &surface in shown.iter().take(MOST_ROWS) {
+        let placement = &baked.atlas.placements[surface];
+        let [x, y, z, w] = rectangle(placement, vertical);
+        let s = &baked.scene.surfaces[surface];
+        let node = match s.origin {
+            SurfaceOrigin::GltfNode(node) => format!("{} (node {node})", s.name),
+            _ => s.name.clone(),
+        };
+        writeln!(text, "    page {}  {x} {y} {z} {w}  {node}", placement.page)?;
+    }
+    if shown.len() > MOST_ROWS {
+        let more = shown.len() - MOST_ROWS;
+        let turned = if vertical == Vertical::Up { " (v down there: w = 1 - y - w)" } else { "" };
+        writeln!(text, "    and {more} more, in report.json and in the extras of the GLB's nodes{turned}")?;
+    }
+    Ok(())
+}
