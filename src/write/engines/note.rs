@@ -92,80 +92,111 @@ fn steps(text: &mut String, engine: Engine, quantity: Quantity, file: &Encoded, 
     // Decoding leaves the scale to the engine's own factor.
     let factor = intensity * file.scale;
     let lines = match engine {
-        Engine::Bevy => format!(
-            "Load {glb} with GltfPlugin. For each node's mesh entity insert\n\
-             \x20   Lightmap {{ image: asset_server.load(\"{page}\"), uv_rect: Rect {{ min: offset, max: offset + scale }}, bicubic_sampling: false }}\n\
-             with the rectangle below (extras arrive as the component GltfExtras), and set\n\
-             \x20   material.lightmap_exposure = {factor}\n\
-             on its StandardMaterial. What is shown is albedo * texel * lightmap_exposure * the camera's exposure, in which Bevy's\n\
-             lights are too. Ambient light does not reach lightmapped meshes unless affects_lightmapped_meshes is set.\n\
-             Bevy keeps rectangles in 16 bits: on pages of 8192 texels and more, give meshes UVs of the page itself (--gltf-lightmap-ext moz)."
-        ),
-        Engine::Three => format!(
-            "Load {glb} with GLTFLoader and {page} with {}. For each node with userData.lumel, on a clone of its texture and material:\n\
-             \x20   texture.channel = lumel.texCoord; texture.repeat.set(scale.x, {}scale.y); texture.offset.set(offset.x, {})\n\
-             \x20   material.lightMap = texture; material.lightMapIntensity = {factor}\n\
-             MeshLambertMaterial and MeshBasicMaterial show albedo * E / pi. MeshStandardMaterial takes off what its dielectric coat\n\
-             reflects, some 4 %; a MeshPhysicalMaterial with specularIntensity 0 does not.",
-            if file.encoding == Encoding::Hdr {
-                "HDRLoader"
-            } else if file.encoding.has_mips() {
-                "KTX2Loader"
-            } else {
-                "EXRLoader"
-            },
-            // The loaders of EXR and HDR put row 0 at the bottom.
-            if file.encoding.has_mips() { "" } else { "-" },
-            if file.encoding.has_mips() { "offset.y" } else { "1 - offset.y" },
-        ),
-        Engine::Playcanvas => format!(
-            "Load {glb}. Load {page} as a texture of type pc.TEXTURETYPE_RGBM, clamped, without mipmaps. For each node, on a clone of its material:\n\
-             \x20   material.lightMap = texture; material.lightMapUv = 1\n\
-             \x20   material.lightMapTiling = (x, y); material.lightMapOffset = (z, w) of the rectangles below\n\
-             Scale: what is shown is albedo * decoded texel; multiply the camera's exposure by {factor} to see nit."
-        ),
-        Engine::Babylon => format!(
-            "Load {glb}. Load {page} with new Texture(url, scene, true, false) (no mipmaps, not turned over) and set\n\
-             \x20   texture.isRGBD = true; texture.gammaSpace = false; texture.coordinatesIndex = 1; texture.level = {factor}\n\
-             \x20   texture.uScale, vScale, uOffset, vOffset = the rectangle below; set uRotationCenter and vRotationCenter to 0\n\
-             For each node, on a clone of its PBRMaterial: material.lightmapTexture = texture; material.useLightmapAsShadowmap = true;\n\
-             material.ambientColor = white, scene.ambientColor = white: the ambient term gives the albedo, the lightmap multiplies it.\n\
-             Without useLightmapAsShadowmap Babylon adds the page to the colour and the albedo is lost."
-        ),
-        Engine::Unity => format!(
-            "Import {glb} (glTFast turns v up). Import {page} as texture type Lightmap, no compression that drops below BC6H. Then\n\
-             \x20   LightmapSettings.lightmapsMode = NonDirectional; LightmapSettings.lightmaps = one LightmapData a page, lightmapColor = the page\n\
-             \x20   renderer.lightmapIndex = page; renderer.lightmapScaleOffset = (x, y, z, w) of the rectangles below\n\
-             Unity multiplies by the albedo alone. Multiply the page by {factor} and by the exposure that your lights are set up for;\n\
-             in HDRP with physical units the page is nit as it stands."
-        ),
-        Engine::Unreal => format!(
-            "Import {glb} by Interchange and {page} as a texture: HDR (RGB, no sRGB) or BC6H, no mips, TA_Clamp. Unreal takes no lightmaps of\n\
-             others in its own slot: give surfaces an unlit material with\n\
-             \x20   emissive = base colour * page(UV1 * scale + offset) * {factor}\n\
-             (a material instance a surface, with the rectangle below as a vector parameter). Emissive is in nit, as the page is."
-        ),
-        Engine::Godot => format!(
-            "Import {glb} (TEXCOORD_1 arrives as UV2) and {page} (EXR, not as VRAM compressed, mipmaps off). LightmapGI reads only what it\n\
-             baked itself: give surfaces a ShaderMaterial with render_mode unshaded and\n\
-             \x20   uniform sampler2D page : filter_linear, repeat_disable; uniform vec4 rectangle;\n\
-             \x20   ALBEDO = albedo.rgb * texture(page, UV2 * rectangle.xy + rectangle.zw).rgb * {factor};\n\
-             and the rectangle below as an instance uniform. Set the camera's exposure for nit, or divide by the level that should be white."
-        ),
-        Engine::Blender => format!(
-            "Import {glb}. In each material: UV Map node (UVMap.001) -> Mapping (scale x, y; location z, w of the rectangles below) ->\n\
-             Image Texture {page} (Non-Color, Linear, Extend) -> times the base colour -> Emission of strength {factor}. View transform Standard."
-        ),
+        Engine::Bevy => bevy(glb, page, factor),
+        Engine::Three => three(glb, page, factor, file.encoding),
+        Engine::Playcanvas => playcanvas(glb, page, factor),
+        Engine::Babylon => babylon(glb, page, factor),
+        Engine::Unity => unity(glb, page, factor),
+        Engine::Unreal => unreal(glb, page, factor),
+        Engine::Godot => godot(glb, page, factor),
+        Engine::Blender => blender(glb, page, factor),
         Engine::Needle => format!(
-            "Open {glb} in Needle Engine: it names its pages (NEEDLE_lightmaps) and rectangles itself. Values over the scale {} are in the\n\
-             pages; set the renderer's toneMappingExposure to {factor} times that of lux.",
-            file.scale
+            "Open {glb} in Needle Engine: it names its pages (NEEDLE_lightmaps) and rectangles itself. A lit wall shows its luminance\n\
+             over {factor}: multiply the renderer's toneMappingExposure by it where lights of the engine's own shine beside."
         ),
-        Engine::Hubs => format!(
-            "Put {glb} and {page} into a scene as they are: MOZ_lightmap names the pages and their intensity {factor}."
-        ),
+        Engine::Hubs => {
+            format!(
+                "Put {glb} and {page} into a scene as they are: MOZ_lightmap names the pages and their intensity, {factor}."
+            )
+        }
     };
     writeln!(text, "{lines}\n")
+}
+
+fn bevy(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Load {glb} with GltfPlugin. For each node's primitive, with the rectangle below (extras arrive as the component GltfExtras), insert\n\
+         \x20   Lightmap {{ image: assets.load(\"{page}\"), uv_rect: Rect {{ min: offset, max: offset + scale }}, bicubic_sampling: false }}\n\
+         and set on its StandardMaterial\n\
+         \x20   lightmap_exposure = {factor}\n\
+         What is shown is albedo * texel * lightmap_exposure * the camera's exposure, in which Bevy's lights are too. Set\n\
+         affects_lightmapped_mesh_diffuse of baked lights and affects_lightmapped_meshes of ambient light to false: both are true by default.\n\
+         Bevy keeps rectangles in 16 bits; on pages of 8192 texels and more, bake UVs of the page itself (--gltf-lightmap-ext moz)."
+    )
+}
+
+fn three(glb: &str, page: &str, factor: f32, encoding: Encoding) -> String {
+    let loader = match encoding {
+        Encoding::Hdr => "HDRLoader",
+        Encoding::Ktx2Half | Encoding::Ktx2Bc6h => "KTX2Loader",
+        _ => "EXRLoader",
+    };
+    // The loaders of EXR and HDR put row 0 at the bottom.
+    let (sign, offset) = if encoding.has_mips() { ("", "offset.y") } else { ("-", "1 - offset.y") };
+    format!(
+        "Load {glb} with GLTFLoader and {page} with {loader}. For each node with userData.lumel, on a clone of its texture and material:\n\
+         \x20   texture.channel = lumel.texCoord; texture.repeat.set(scale.x, {sign}scale.y); texture.offset.set(offset.x, {offset})\n\
+         \x20   material.lightMap = texture; material.lightMapIntensity = {factor}\n\
+         MeshLambertMaterial and MeshBasicMaterial show albedo * E / pi. MeshStandardMaterial takes off what its dielectric coat\n\
+         reflects, 2 to 5 %; a MeshPhysicalMaterial with specularIntensity 0 does not."
+    )
+}
+
+fn playcanvas(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Load {glb}. Load {page} as a texture of type pc.TEXTURETYPE_RGBM, clamped, without mipmaps. For each node, on a clone of its\n\
+         material, with the rectangle below:\n\
+         \x20   material.lightMap = texture; material.lightMapUv = 1\n\
+         \x20   material.lightMapTiling = (x, y); material.lightMapOffset = (z, w)\n\
+         What is shown is albedo * decoded texel; times {factor}, which the camera's exposure can take, it is nit."
+    )
+}
+
+fn babylon(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Load {glb}. Load {page} with new Texture(url, scene, true, false) (no mipmaps, not turned over), one for each node, and set\n\
+         \x20   texture.isRGBD = true; texture.gammaSpace = false; texture.coordinatesIndex = 1; texture.level = {factor}\n\
+         \x20   texture.uScale, vScale, uOffset, vOffset = the rectangle below, with uRotationCenter and vRotationCenter 0\n\
+         On a clone of its PBRMaterial: lightmapTexture = texture; useLightmapAsShadowmap = true; ambientColor = white; and\n\
+         scene.ambientColor = white: the ambient term gives the albedo, and the lightmap multiplies it. Without\n\
+         useLightmapAsShadowmap Babylon.js adds the page to the colour, and the albedo is lost."
+    )
+}
+
+fn unity(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Import {glb} (importers turn v up) and {page} as texture type Lightmap, uncompressed or BC6H. Then\n\
+         \x20   LightmapSettings.lightmapsMode = NonDirectional; LightmapSettings.lightmaps = one LightmapData a page, lightmapColor = the page\n\
+         \x20   renderer.lightmapIndex = page; renderer.lightmapScaleOffset = (x, y, z, w) of the rectangles below\n\
+         Unity multiplies texels by the albedo alone. Multiply pages by {factor}, and by the exposure that your lights are set up for; in\n\
+         HDRP with physical units they are nit as they stand."
+    )
+}
+
+fn unreal(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Import {glb} by Interchange, and {page} as a texture: HDR or BC6H, no sRGB, no mips, clamped. Unreal Engine takes no lightmaps of\n\
+         others in its own slot: give surfaces an unlit material, an instance each with the rectangle below as a vector parameter, with\n\
+         \x20   emissive = base colour * page(UV1 * (x, y) + (z, w)) * {factor}\n\
+         Emissive is in nit, as the page is."
+    )
+}
+
+fn godot(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Import {glb} (TEXCOORD_1 arrives as UV2) and {page} (not VRAM compressed, mipmaps off). LightmapGI reads only what it baked\n\
+         itself: give surfaces a ShaderMaterial of render_mode unshaded, the rectangle below as an instance uniform, with\n\
+         \x20   uniform sampler2D page : filter_linear, repeat_disable;  instance uniform vec4 rectangle;\n\
+         \x20   ALBEDO = albedo.rgb * texture(page, UV2 * rectangle.xy + rectangle.zw).rgb * {factor};\n\
+         Set the camera's exposure for nit, or divide by the level that should be white."
+    )
+}
+
+fn blender(glb: &str, page: &str, factor: f32) -> String {
+    format!(
+        "Import {glb}. In each material: UV Map node (UVMap.001) -> Mapping (scale x, y; location z, w of the rectangles below) ->\n\
+         Image Texture {page} (Non-Color, Linear, Extend) -> times the base colour -> Emission of strength {factor}. View transform Standard."
+    )
 }
 
 /// The rectangles of surfaces.

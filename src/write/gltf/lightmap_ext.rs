@@ -6,6 +6,9 @@
 //! | `MX_lightmap` (Third Room) | nodes: `lightMapTexture`, `scale`, `offset`, `intensity` | PNG with a multiplier | of the mesh | by the viewer |
 //! | `NEEDLE_lightmaps` (Needle Engine) | the root: `textures` of `type` 0, `index`, `pointer`; nodes: a `MeshRenderer` with `lightmapIndex` and `lightmapScaleOffset`, v up | PNG with a multiplier and sRGB's curve | of the mesh | RGBM of the engine |
 //!
+//! NEEDLE_lightmaps was read in the engine's package (`NEEDLE_lightmaps.ts`, `RendererLightmap.ts`, version 4.16); MOZ_lightmap and
+//! MX_lightmap follow their vendors' descriptions and were not tried in a viewer.
+//!
 //! MOZ_lightmap knows no rectangle, so meshes get UVs of the page, one mesh a node, and a material that surfaces on several pages share
 //! becomes one for each page.
 
