@@ -386,6 +386,11 @@ pub struct EffortArgs {
 #[command(next_help_heading = "Results")]
 #[serde(rename_all = "kebab-case")]
 pub struct ResultArgs {
+    /// Engine that the result goes into: chooses --quantity, --encoding and --gltf-lightmap-ext as it wants them, each of which can
+    /// be given another, and writes <stem>.loading.txt, which says how to load this bake
+    #[arg(long = "for", value_name = "ENGINE", value_parser = PossibleValuesParser::new(["bevy", "godot", "unity", "unreal", "three", "playcanvas", "babylon", "blender", "needle", "hubs"]))]
+    #[serde(rename = "for")]
+    pub engine: Option<String>,
     /// What a texel holds; outgoing: E / pi [nit], to be multiplied by the albedo and nothing else; irradiance: E [lx];
     /// radiosity: B [lm/m^2], emission included [default: outgoing]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["outgoing", "irradiance", "radiosity"]))]
@@ -405,12 +410,23 @@ pub struct ResultArgs {
     /// How far away things occlude in the layers ao and bent-normal [m; 0: however far; default: 1]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
+    /// Forms of the pages, separated by commas; rgbm, rgbm-srgb and rgbd are 8-bit PNGs with a multiplier in alpha, as PlayCanvas,
+    /// Needle Engine and Babylon.js decode them [default: exr]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["exr", "hdr", "rgbm", "rgbm-srgb", "rgbd", "ktx2-half", "ktx2-bc6h"]))]
+    pub encoding: Option<Vec<String>>,
+    /// Mip levels in KTX2 pages; give a --padding to match, 4 for one level, 8 for two [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub mips: Option<bool>,
     /// 32-bit float pages in place of 16-bit half [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub float: Option<bool>,
     /// Forms of the GLB, separated by commas [default: engine,vertex]
     #[arg(long, value_name = "FORMS", value_delimiter = ',', value_parser = PossibleValuesParser::new(["engine", "vertex"]))]
     pub gltf: Option<Vec<String>>,
+    /// Name pages in the GLB by an extension as well: MOZ_lightmap on materials, MX_lightmap on nodes, NEEDLE_lightmaps at the root;
+    /// adds the encoding that it can name [default: the extras alone]
+    #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["moz", "mx", "needle"]))]
+    pub gltf_lightmap_ext: Option<String>,
     /// Folder for numbered EXR files of the stages in between
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub dump_stages: Option<PathBuf>,

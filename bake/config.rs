@@ -6,6 +6,7 @@
 use super::args::{BakeArgs, FormFactorArgs, InspectArgs, SceneArgs, UnwrapArgs};
 use super::failure::Failure;
 use lumel::settings::Settings;
+use lumel::write::engines::Engine;
 use lumel::{Error, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -36,7 +37,8 @@ const SOLVER_KEYS: [&str; 11] = [
 ];
 
 /// Keys that take the place of others: `--resolution` on the command line drops `density` of the file, and so on.
-const REPLACES: [(&str, &[&str]); 8] = [
+const REPLACES: [(&str, &[&str]); 9] = [
+    ("for", &["quantity", "encoding", "gltf-lightmap-ext"]),
     ("method", &SOLVER_KEYS),
     ("solver", &["overshoot", "ambient", "link-error"]),
     ("form-factors", &["hemicube"]),
@@ -240,6 +242,7 @@ fn settle(mut lower: Table, typed: Table) -> Result<Settings> {
         }
     }
     lower.extend(typed);
+    choose_for_engine(&mut lower)?;
     let settings: Settings =
         Value::Table(lower).try_into().map_err(|e: toml::de::Error| Error::invalid("settings", e.message()))?;
     settings.check().map_err(|e| match e {
@@ -249,14 +252,32 @@ fn settle(mut lower: Table, typed: Table) -> Result<Settings> {
     Ok(settings)
 }
 
+/// Fills in what the engine of `for` wants, where nothing else is said.
+fn choose_for_engine(table: &mut Table) -> Result<()> {
+    let Some(name) = table.get("for") else { return Ok(()) };
+    let engine: Engine = name.clone().try_into().map_err(|e: toml::de::Error| Error::invalid("for", e.message()))?;
+    let mut choose = |key: &str, value: Value| {
+        table.entry(key).or_insert(value);
+    };
+    choose("quantity", engine.quantity().name().into());
+    choose("encoding", vec![engine.encoding().name()].into());
+    if let Some(extension) = engine.lightmap_extension() {
+        choose("gltf-lightmap-ext", extension.name().into());
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::args::{Args, Command};
     use clap::Parser;
+    use lumel::post::Quantity;
     use lumel::settings::{Quality, SkySetting};
     use lumel::unwrap::UvMode;
     use lumel::write::GltfProfile;
+    use lumel::write::encode::Encoding;
+    use lumel::write::engines::LightmapExtension;
 
     fn typed(line: &str) -> Table {
         let args =
@@ -295,7 +316,8 @@ mod tests {
                     --gltf engine,vertex --lights remove --bake-lights indirect --ao-distance 2 --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather none --layers direct,ao --watch w \
                     --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
-                    --strict --max-texture 9 --max-texels 9 --max-memory 4G";
+                    --strict --max-texture 9 --max-texels 9 --max-memory 4G --for bevy --encoding exr,ktx2-half --mips \
+                    --gltf-lightmap-ext moz";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
             typed(
@@ -317,6 +339,19 @@ mod tests {
         assert_eq!(s.gltf.as_deref(), Some([GltfProfile::Engine, GltfProfile::Vertex].as_slice()));
         assert_eq!(s.threads, Some(2));
         assert_eq!((s.max_memory, s.strict), (Some(4 << 30), true));
+    }
+
+    #[test]
+    fn an_engine_chooses_what_is_not_given() {
+        let s = layered("", "--for needle");
+        assert_eq!((s.quantity, s.encodings()), (Quantity::Irradiance, vec![Encoding::RgbmSrgb]));
+        assert_eq!(s.gltf_lightmap_ext, Some(LightmapExtension::Needle));
+        let s = layered("for = \"bevy\"", "--quantity irradiance");
+        assert_eq!((s.quantity, s.encodings()), (Quantity::Irradiance, vec![Encoding::Ktx2Half]));
+        let s = layered("quantity = \"irradiance\"\nencoding = [\"hdr\"]", "--for unity");
+        assert_eq!((s.quantity, s.encodings()), (Quantity::Outgoing, vec![Encoding::Exr]));
+        let s = layered("", "--gltf-lightmap-ext moz");
+        assert_eq!(s.encodings(), [Encoding::Exr, Encoding::Hdr]);
     }
 
     #[test]

@@ -2,14 +2,15 @@
 
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
-use crate::post::Layer;
+use crate::post::{Layer, Lightmap};
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
+use crate::write::encode::{self, Encoded, Encoding};
 use crate::write::exr::{PageHeader, PageLayer, write_page};
 use crate::write::output::Staging;
-use crate::write::{Baked, GltfProfile, gltf, usd};
+use crate::write::{Baked, GltfProfile, engines, gltf, usd};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -18,10 +19,24 @@ fn stem(scene: &Path) -> String {
     scene.file_stem().map_or_else(|| "scene".to_string(), |s| s.to_string_lossy().into_owned())
 }
 
-/// Page files relative to the output folder, in page order; none for an unwrap without light.
-pub fn page_uris(scene: &Path, atlas: &Atlas, is_lit: bool) -> Vec<String> {
-    let count = if is_lit { atlas.shown_pages } else { 0 };
-    (0..count).map(|page| format!("lightmaps/{}_{page}.exr", stem(scene))).collect()
+/// The forms that the pages of a bake are written in, with their files relative to the output folder; none for an unwrap without
+/// light.
+pub fn encoded(scene: &Path, atlas: &Atlas, lightmap: Option<&Lightmap>, settings: &Settings) -> Vec<Encoded> {
+    let Some(lightmap) = lightmap else { return Vec::new() };
+    let pages = lightmap.pages.iter().take(atlas.shown_pages);
+    let values = pages.flat_map(|p| &p.rgb).flat_map(|c| c.to_array());
+    let largest = values.filter(|v| v.is_finite()).fold(0.0, f32::max);
+    let form = |encoding: Encoding| {
+        let uri = |page| format!("lightmaps/{}_{page}.{}", stem(scene), encoding.suffix());
+        Encoded { encoding, scale: encoding.scale(largest), uris: (0..atlas.shown_pages).map(uri).collect() }
+    };
+    settings.encodings().into_iter().map(form).collect()
+}
+
+/// The page files that GLB and layer name: OpenEXR, else the first plain form, else the first.
+pub fn page_uris(encoded: &[Encoded]) -> Vec<String> {
+    let rank = |e: &&Encoded| (e.encoding != Encoding::Exr, !e.encoding.is_plain());
+    encoded.iter().min_by_key(rank).map(|e| e.uris.clone()).unwrap_or_default()
 }
 
 /// Writes the pages, GLBs and the USD layer of a bake into a staging folder.
@@ -31,7 +46,15 @@ pub fn page_uris(scene: &Path, atlas: &Atlas, is_lit: bool) -> Vec<String> {
 pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnings: &mut Warnings) -> Result<Staging> {
     let mut staging = Staging::new(baked.folder)?;
     let scene = baked.source.path();
-    let pages = baked.page_uris.iter().map(|uri| staging.path(uri)).collect::<Result<Vec<PathBuf>>>()?;
+    let mut pages = Vec::new();
+    for form in baked.encoded {
+        pages.push((form, form.uris.iter().map(|uri| staging.path(uri)).collect::<Result<Vec<PathBuf>>>()?));
+    }
+    if let Some(engine) = settings.engine.filter(|_| baked.lightmap.is_some()) {
+        let glb = settings.gltf_profiles().contains(&GltfProfile::Engine).then(|| format!("{}.glb", stem(scene)));
+        let path = staging.path(format!("{}.loading.txt", stem(scene)))?;
+        std::fs::write(&path, engines::note(engine, baked, glb.as_deref())).map_err(|e| Error::io(&path, e))?;
+    }
     let mut glbs = Vec::new();
     for profile in settings.gltf_profiles() {
         let file = match profile {
@@ -51,7 +74,7 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
         gltf::write(path, baked, *profile)
     };
     let (of_pages, (of_glbs, of_layer)) = rayon::join(
-        || write_pages(baked, &pages, settings.float, progress),
+        || write_pages(baked, &pages, settings, progress),
         || {
             rayon::join(
                 || glbs.par_iter().map(write_glb).collect::<Result<Vec<Warnings>>>(),
@@ -64,20 +87,33 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
     Ok(staging)
 }
 
-/// Writes the pages to `paths`, one after the other: a page is held once more while it is written.
-fn write_pages(baked: &Baked, paths: &[PathBuf], float: bool, progress: &dyn Progress) -> Result<Warnings> {
+/// Writes the pages in all of their forms, one after the other: a page is held once more while it is written.
+fn write_pages(
+    baked: &Baked,
+    forms: &[(&Encoded, Vec<PathBuf>)],
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Warnings> {
     let mut warnings = Warnings::default();
     let Some(lightmap) = baked.lightmap else { return Ok(warnings) };
-    let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    for (number, (page, path)) in lightmap.pages.iter().zip(paths).enumerate() {
-        progress.check()?;
-        let header =
-            PageHeader { quantity: baked.quantity, page: number as u32, density: baked.atlas.density, scene: &scene };
-        let layers: Vec<PageLayer> = lightmap.layers.iter().map(|layer| page_layer(layer, number)).collect();
-        let clamped = write_page(path, page, &layers, &header, float)?;
-        if clamped > 0 {
-            let uri = &baked.page_uris[number];
-            warnings.add(format!("{uri} ({clamped} texels)"), "too bright for half floats; bake with --float");
+    for (form, paths) in forms {
+        for (number, (page, path)) in lightmap.pages.iter().zip(paths).enumerate() {
+            progress.check()?;
+            let place = |misfits: usize| format!("{} ({misfits} texels)", form.uris[number]);
+            if form.encoding == Encoding::Exr {
+                let clamped = write_exr(baked, lightmap, number, path, settings.float)?;
+                if clamped > 0 {
+                    warnings.add(place(clamped), "too bright for half floats; bake with --float");
+                }
+                continue;
+            }
+            let header = encode::Header { quantity: baked.quantity, scale: form.scale, mips: settings.mips };
+            let misfits = encode::write_page(path, page, form.encoding, &header)?;
+            if misfits > 0 {
+                let message =
+                    format!("not a value that {} can hold: the closest one was written", form.encoding.name());
+                warnings.add(place(misfits), message);
+            }
         }
     }
     Ok(warnings)
@@ -87,6 +123,15 @@ fn write_pages(baked: &Baked, paths: &[PathBuf], float: bool, progress: &dyn Pro
 fn page_layer(layer: &Layer, page: usize) -> PageLayer<'_> {
     let Layer { name, pages, channels, unit, .. } = layer;
     PageLayer { name, channels: *channels, unit, values: &pages[page] }
+}
+
+/// Writes page `number` with all layers; returns how many texels half floats could not hold.
+fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, float: bool) -> Result<usize> {
+    let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let header =
+        PageHeader { quantity: baked.quantity, page: number as u32, density: baked.atlas.density, scene: &scene };
+    let layers: Vec<PageLayer> = lightmap.layers.iter().map(|layer| page_layer(layer, number)).collect();
+    write_page(path, &lightmap.pages[number], &layers, &header, float)
 }
 
 /// Adds the report and moves everything into place.

@@ -271,7 +271,8 @@ fn finish(
 ) -> Result<Report> {
     let corners = lightmap.map(|lightmap| corner_colors(&loaded.scene, atlas, lightmap));
     clock.begin("write", 0);
-    let page_uris = folder::page_uris(loaded.path(), atlas, lightmap.is_some());
+    let encoded = folder::encoded(loaded.path(), atlas, lightmap, settings);
+    let page_uris = folder::page_uris(&encoded);
     let baked = Baked {
         scene: &loaded.scene,
         source: &loaded.source,
@@ -280,6 +281,8 @@ fn finish(
         corners: corners.as_ref(),
         quantity: settings.quantity,
         page_uris: &page_uris,
+        encoded: &encoded,
+        lightmap_extension: settings.gltf_lightmap_ext,
         folder,
         lights: settings.lights,
     };

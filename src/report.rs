@@ -9,6 +9,7 @@ use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::write::Baked;
+use crate::write::encode::Encoding;
 use crate::write::exr::channel_names;
 use cpu_time::ProcessTime;
 use serde::Serialize;
@@ -31,6 +32,9 @@ pub struct Report {
     pub layers: Vec<LayerReport>,
     /// Lights, and skies, whose light adds up.
     pub lights: Vec<LightReport>,
+    /// Forms that pages were written in, besides or in place of OpenEXR.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub encodings: Vec<EncodingReport>,
     /// Texels per metre.
     pub density: f32,
     /// Covered texels, those of hidden pages included.
@@ -129,6 +133,16 @@ pub struct LightReport {
     pub group: Option<String>,
 }
 
+/// A form that pages were written in.
+#[derive(Clone, Debug, Serialize)]
+pub struct EncodingReport {
+    pub name: &'static str,
+    /// Decoded texels times this are the values.
+    pub scale: f32,
+    /// Relative to the output folder, in page order.
+    pub uris: Vec<String>,
+}
+
 /// Time a stage took.
 #[derive(Clone, Debug, Serialize)]
 pub struct StageTime {
@@ -222,6 +236,9 @@ impl Report {
             of: l.of.clone(),
         };
         self.layers = layers.map(layer).collect();
+        let forms = baked.encoded.iter().filter(|f| f.encoding != Encoding::Exr);
+        self.encodings =
+            forms.map(|f| EncodingReport { name: f.encoding.name(), scale: f.scale, uris: f.uris.clone() }).collect();
         self.pages = (atlas.pages.iter().take(atlas.shown_pages).enumerate())
             .map(|(page, &[width, height])| {
                 let coverage = baked.lightmap.map(|l| l.pages[page].coverage.iter().filter(|c| **c > 0.0).count());

@@ -20,6 +20,8 @@ use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, UnwrapParams, UvMode};
 use crate::view_factors::{self, ViewFactorParams};
+use crate::write::encode::Encoding;
+use crate::write::engines::{Engine, LightmapExtension};
 use crate::write::{BakedLights, GltfProfile};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -64,6 +66,13 @@ pub struct Settings {
     pub uv_name: Option<String>,
     pub normals: Normals,
     pub quantity: Quantity,
+    /// The engine that the result goes into: a note beside it says how to load it. The command chooses what else it wants.
+    #[serde(rename = "for")]
+    pub engine: Option<Engine>,
+    /// Forms that pages are written in; none: OpenEXR.
+    pub encoding: Option<Vec<Encoding>>,
+    /// KTX2 pages get mip levels.
+    pub mips: bool,
     pub method: Method,
     /// Parts of the light that pages hold as layers of their own.
     pub layers: Vec<LayerKind>,
@@ -107,6 +116,8 @@ pub struct Settings {
     pub environment: Option<PathBuf>,
     /// Forms of the GLB; none: engine and vertex.
     pub gltf: Option<Vec<GltfProfile>>,
+    /// Extension by which the engine GLB names its pages, besides its extras.
+    pub gltf_lightmap_ext: Option<LightmapExtension>,
     pub lights: BakedLights,
     /// What of the light of lights is baked that say nothing about it; skies and emissive materials are always baked then.
     pub bake_lights: BakeMode,
@@ -490,6 +501,16 @@ impl Settings {
             strategy: Strategy::Combined,
             seed: self.seed,
         }
+    }
+
+    /// The forms that pages are written in: those asked for, or OpenEXR, and one that the extension can name.
+    pub fn encodings(&self) -> Vec<Encoding> {
+        let mut all = self.encoding.clone().unwrap_or_else(|| vec![Encoding::Exr]);
+        let named = self.gltf_lightmap_ext.map_or(&[][..], LightmapExtension::encodings);
+        if !named.is_empty() && !named.iter().any(|e| all.contains(e)) {
+            all.push(named[0]);
+        }
+        all
     }
 
     /// The GLBs to write.

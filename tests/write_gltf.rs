@@ -16,6 +16,8 @@ use lumel::scene::{
 };
 use lumel::unwrap::{Atlas, MeshUvs, Placement};
 use lumel::write::GltfProfile;
+use lumel::write::encode::{Encoded, Encoding};
+use lumel::write::engines::LightmapExtension;
 use lumel::write::{Baked, BakedLights};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -156,6 +158,8 @@ struct Bake {
     lightmap: Lightmap,
     corners: CornerColors,
     lights: BakedLights,
+    encoded: Vec<Encoded>,
+    extension: Option<LightmapExtension>,
 }
 
 impl Bake {
@@ -170,7 +174,22 @@ impl Bake {
             lightmap: lightmap(Quantity::Outgoing),
             corners: CornerColors { surfaces: vec![even, uneven] },
             lights: BakedLights::Mark,
+            encoded: Vec::new(),
+            extension: None,
         }
+    }
+
+    /// The two squares on pages of their own, named by an extension.
+    fn on_two_pages(extension: LightmapExtension, encoding: Encoding, scale: f32) -> Self {
+        let mut bake = Self::new(false);
+        bake.atlas.pages.push([64, 32]);
+        bake.atlas.shown_pages = 2;
+        bake.atlas.placements[1].page = 1;
+        bake.lightmap.pages.push(bake.lightmap.pages[0].clone());
+        let uris = (0..2).map(|page| format!("lightmaps/a square_{page}.{}", encoding.suffix())).collect();
+        bake.encoded = vec![Encoded { encoding, scale, uris }];
+        bake.extension = Some(extension);
+        bake
     }
 
     fn write(&self, profile: GltfProfile) -> Glb {
@@ -185,6 +204,8 @@ impl Bake {
             quantity: self.lightmap.quantity,
             corners: Some(&self.corners),
             page_uris: &["lightmaps/square_0.exr".to_string()],
+            encoded: &self.encoded,
+            lightmap_extension: self.extension,
             folder: Path::new("out"),
             lights: self.lights,
         };
@@ -466,6 +487,8 @@ fn broken_documents_are_errors() {
             quantity: bake.lightmap.quantity,
             corners: Some(&bake.corners),
             page_uris: &[],
+            encoded: &[],
+            lightmap_extension: None,
             folder: Path::new("out"),
             lights: bake.lights,
         };
@@ -473,4 +496,81 @@ fn broken_documents_are_errors() {
         assert!(lumel::write::gltf::write(&path, &baked, GltfProfile::Engine).is_err(), "{broken}");
         assert!(!path.exists());
     }
+}
+
+/// The texture's picture, by the place of its index.
+fn picture_of<'a>(glb: &'a Glb, texture: &Value, rgbe: bool) -> &'a Value {
+    let texture = &glb.json["textures"][texture.as_u64().unwrap() as usize];
+    let source = if rgbe { &texture["extensions"]["MOZ_texture_rgbe"]["source"] } else { &texture["source"] };
+    &glb.json["images"][source.as_u64().unwrap() as usize]
+}
+
+#[test]
+fn moz_lightmaps_have_uvs_of_the_page_and_a_material_for_each() {
+    let bake = Bake::on_two_pages(LightmapExtension::Moz, Encoding::Hdr, 1.0);
+    let glb = bake.write(GltfProfile::Engine);
+    for name in ["MOZ_lightmap", "MOZ_texture_rgbe"] {
+        assert!(glb.json["extensionsUsed"].as_array().unwrap().contains(&json!(name)), "{name}");
+    }
+    let mut materials = Vec::new();
+    for node in 0..2 {
+        let object = &glb.json["nodes"][node];
+        let primitive = &glb.json["meshes"][object["mesh"].as_u64().unwrap() as usize]["primitives"][0];
+        let uv = glb.rows(primitive["attributes"]["TEXCOORD_1"].as_u64().unwrap() as usize, 2);
+        let indices = glb.unsigned(primitive["indices"].as_u64().unwrap() as usize);
+        let placement = &bake.atlas.placements[node];
+        for (corner, index) in uvs(false).concat().iter().zip(&indices) {
+            let expected = *corner * placement.scale + placement.offset;
+            assert!(Vec2::from_slice(&uv[*index as usize]).distance(expected) < 1e-6);
+        }
+        let lumel = &object["extras"]["lumel"];
+        assert_eq!((&lumel["scale"], &lumel["offset"]), (&json!([1.0, 1.0]), &json!([0.0, 0.0])));
+        let material = primitive["material"].as_u64().unwrap() as usize;
+        let lightmap = &glb.json["materials"][material]["extensions"]["MOZ_lightmap"];
+        // E / pi in a slot for E.
+        assert!((lightmap["intensity"].as_f64().unwrap() - std::f64::consts::PI).abs() < 1e-6);
+        assert_eq!((&lightmap["texCoord"], &glb.json["materials"][material]["name"]), (&json!(1), &json!("paint")));
+        let picture = picture_of(&glb, &lightmap["index"], true);
+        assert_eq!(picture["uri"], format!("lightmaps/a%20square_{node}.hdr"));
+        materials.push(material);
+    }
+    // The node outside of the scene keeps the mesh and the material without a lightmap.
+    let elsewhere = glb.json["nodes"][3]["mesh"].as_u64().unwrap() as usize;
+    let plain = glb.json["meshes"][elsewhere]["primitives"][0]["material"].as_u64().unwrap() as usize;
+    assert!(!materials.contains(&plain) && materials[0] != materials[1]);
+    assert_eq!(glb.json["materials"][plain], source().json["materials"][0]);
+}
+
+#[test]
+fn mx_and_needle_lightmaps_have_rectangles_on_nodes() {
+    let bake = Bake::on_two_pages(LightmapExtension::Mx, Encoding::Rgbm, 4.0);
+    let glb = bake.write(GltfProfile::Engine);
+    let mx = &glb.json["nodes"][1]["extensions"]["MX_lightmap"];
+    assert_eq!((&mx["scale"], &mx["offset"]), (&json!([0.25, 0.5]), &json!([0.6, 0.125])));
+    assert!((mx["intensity"].as_f64().unwrap() - 4.0 * std::f64::consts::PI).abs() < 1e-5);
+    assert_eq!(picture_of(&glb, &mx["lightMapTexture"]["index"], false)["uri"], "lightmaps/a%20square_1.rgbm.png");
+
+    let mut bake = Bake::on_two_pages(LightmapExtension::Needle, Encoding::RgbmSrgb, 1.0);
+    bake.lightmap.quantity = Quantity::Irradiance;
+    let glb = bake.write(GltfProfile::Engine);
+    let textures = glb.json["extensions"]["NEEDLE_lightmaps"]["textures"].as_array().unwrap();
+    assert_eq!((&textures[1]["type"], &textures[1]["index"]), (&json!(0), &json!(1)));
+    let pointer = textures[1]["pointer"].as_str().unwrap().strip_prefix("/textures/").unwrap();
+    let picture = picture_of(&glb, &pointer.parse::<u64>().unwrap().into(), false);
+    assert_eq!(picture["uri"], "lightmaps/a%20square_1.rgbm-srgb.png");
+    let renderer = &glb.json["nodes"][1]["extensions"]["NEEDLE_components"]["builtin_components"][0];
+    assert_eq!((&renderer["name"], &renderer["lightmapIndex"]), (&json!("MeshRenderer"), &json!(1)));
+    // v up: w = 1 - 0.5 - 0.125.
+    assert_eq!(renderer["lightmapScaleOffset"], json!({ "x": 0.25, "y": 0.5, "z": 0.6, "w": 0.375 }));
+}
+
+#[test]
+fn a_baked_file_loses_the_lightmaps_of_its_earlier_bake() {
+    let mut old = source();
+    old.json["materials"][0]["extensions"] = json!({ "MOZ_lightmap": { "index": 0, "texCoord": 1 } });
+    old.json["nodes"][0]["extensions"] = json!({ "MX_lightmap": { "lightMapTexture": { "index": 0 } } });
+    old.json["extensionsUsed"] = json!(["MOZ_lightmap", "MX_lightmap"]);
+    let bake = Bake { source: Source::Gltf(old), ..Bake::new(false) };
+    let text = bake.write(GltfProfile::Engine).json.to_string();
+    assert!(!text.contains("MOZ_lightmap") && !text.contains("MX_lightmap"), "{text}");
 }

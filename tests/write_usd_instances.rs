@@ -209,6 +209,8 @@ fn layer_over(input: &Path, folder: &Path, options: &LoadOptions) {
         quantity: Quantity::Outgoing,
         corners: Some(&CornerColors { surfaces: colors.collect() }),
         page_uris: &["lightmaps/scene_0.exr".to_string()],
+        encoded: &[],
+        lightmap_extension: None,
         folder,
         lights: BakedLights::Mark,
     };

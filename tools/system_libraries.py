@@ -1,9 +1,10 @@
-"""The shared libraries that Blender's module takes from the system, and the Debian packages that hold them.
+"""What the checks take from the system, and the Debian packages that hold it: libraries for Blender's module, a browser for three.js.
 
 Run by itself it prints the packages that are missing here, one line, empty where all is well.
 """
 
 import ctypes
+import shutil
 import sys
 
 PACKAGE_OF = {
@@ -32,10 +33,15 @@ def missing() -> list[str]:
     return out
 
 
+def missing_programs() -> list[str]:
+    """Packages of programs that aren't here; checks that need one skip without it."""
+    return [] if any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))) else ["chromium"]
+
+
 def advice(packages: list[str]) -> str:
     """What to run."""
     return f"apt-get install -y --no-install-recommends {' '.join(packages)}"
 
 
 if __name__ == "__main__" and sys.platform == "linux":
-    print(" ".join(missing()))
+    print(" ".join(missing() + missing_programs()))

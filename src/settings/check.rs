@@ -3,11 +3,14 @@
 use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
-use crate::post::LayerKind;
+use crate::post::{LayerKind, Quantity};
 use crate::reference::BATCHES;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
+use crate::write::GltfProfile;
+use crate::write::encode::Encoding;
+use crate::write::engines::LightmapExtension;
 
 /// Levels of subdivision, at most: each has four times the faces of the one before.
 const MOST_SUBDIVISION: u32 = 8;
@@ -52,6 +55,7 @@ impl Settings {
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;
         within("time-budget", self.time_budget, 0.1, 1e6)?;
         self.check_layers()?;
+        self.check_pages()?;
         self.check_gather()?;
         self.check_solver()?;
         if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
@@ -62,6 +66,41 @@ impl Settings {
         }
         self.edits().check()?;
         super::outdoors::check(self.sky, self.sun, &self.projectors)
+    }
+
+    /// Refuses forms of pages that don't go together.
+    fn check_pages(&self) -> Result<()> {
+        let encodings = self.encoding.as_deref().unwrap_or(&[Encoding::Exr]);
+        let has_exr = encodings.contains(&Encoding::Exr);
+        let extension = self.gltf_lightmap_ext;
+        let is_double = |(k, e)| encodings[..k].contains(e);
+        let has_engine_glb = self.gltf_profiles().contains(&GltfProfile::Engine);
+        refuse_first(&[
+            (encodings.is_empty(), "encoding", "names no form; leave it out for exr"),
+            (encodings.iter().enumerate().any(is_double), "encoding", "names a form twice"),
+            (self.float && !has_exr, "float", "is about exr, which encoding leaves out"),
+            (!self.layers.is_empty() && !has_exr, "layers", "only exr holds layers; add it to encoding"),
+            (
+                self.mips && !encodings.iter().any(|e| e.has_mips()),
+                "mips",
+                "only KTX2 holds levels; add ktx2-half or ktx2-bc6h to encoding",
+            ),
+            (
+                extension.is_some() && !has_engine_glb,
+                "gltf-lightmap-ext",
+                "is for the GLB engine, which gltf leaves out",
+            ),
+            (
+                extension.is_some() && self.quantity == Quantity::Radiosity,
+                "gltf-lightmap-ext",
+                "viewers multiply by the albedo, and radiosity holds it already; choose another quantity",
+            ),
+            (
+                extension == Some(LightmapExtension::Needle) && self.quantity != Quantity::Irradiance,
+                "gltf-lightmap-ext",
+                "Needle Engine has no factor for lightmaps and reads E; choose the quantity irradiance",
+            ),
+        ])
     }
 
     fn check_layers(&self) -> Result<()> {

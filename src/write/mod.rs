@@ -1,6 +1,8 @@
-//! Results to files: EXR pages, GLBs, a USD layer, NPZ. Each file is complete or absent.
+//! Results to files: pages as EXR and in the forms of engines, GLBs, a USD layer, NPZ. Each file is complete or absent.
 
 pub mod dump;
+pub mod encode;
+pub mod engines;
 pub mod exr;
 pub mod gltf;
 pub mod npz;
@@ -13,6 +15,8 @@ use crate::load::Source;
 use crate::post::{Lightmap, Quantity, vertex::CornerColors};
 use crate::scene::Scene;
 use crate::unwrap::Atlas;
+use encode::Encoded;
+use engines::LightmapExtension;
 use std::path::Path;
 
 /// All that the GLB and USD writers need of a bake.
@@ -25,8 +29,13 @@ pub struct Baked<'a> {
     pub corners: Option<&'a CornerColors>,
     /// What pages and colours hold.
     pub quantity: Quantity,
-    /// The page files relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`; none without light.
+    /// The page files that GLB and layer name, relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`; none without
+    /// light. They are those of the first plain form ([`encode::Encoding::is_plain`]), OpenEXR before others.
     pub page_uris: &'a [String],
+    /// All forms of the pages.
+    pub encoded: &'a [Encoded],
+    /// By what extension the engine GLB names pages, besides its extras.
+    pub lightmap_extension: Option<LightmapExtension>,
     /// The output folder.
     pub folder: &'a Path,
     pub lights: BakedLights,

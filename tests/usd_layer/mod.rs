@@ -125,6 +125,8 @@ impl Bake {
             quantity: self.quantity,
             corners: Some(&self.corners),
             page_uris: &page_uris,
+            encoded: &[],
+            lightmap_extension: None,
             folder: &self.folder.join("room_baked"),
             lights: self.lights,
         };

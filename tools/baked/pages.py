@@ -1,5 +1,6 @@
-"""Lightmap pages: EXR files with R G B and coverage in A."""
+"""Lightmap pages: EXR files with R G B and coverage in A, and KTX2 files of half floats."""
 
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +17,9 @@ class Page:
 
 
 def read_page(path: Path | str) -> Page:
-    """Reads an EXR page; coverage is 1 where the file has no alpha."""
+    """Reads a page; coverage is 1 where the file has no alpha."""
+    if Path(path).suffix == ".ktx2":
+        return read_ktx2(path)
     import OpenEXR
 
     with OpenEXR.File(str(path)) as f:
@@ -30,6 +33,17 @@ def read_page(path: Path | str) -> Page:
             rgb = np.stack([np.asarray(channels[c].pixels, np.float32) for c in "RGB"], -1)
         alpha = np.asarray(channels["A"].pixels, np.float32) if "A" in channels else np.ones(rgb.shape[:2], np.float32)
         return Page(rgb.copy(), alpha.copy(), header)
+
+
+def read_ktx2(path: Path | str) -> Page:
+    """Reads level 0 of a KTX2 page of half floats (KTX File Format Specification 2.0, section 3)."""
+    data = Path(path).read_bytes()
+    form, _, width, height = struct.unpack_from("<4I", data, 12)
+    if data[1:7] != b"KTX 20" or form != 97:
+        raise ValueError(f"{path}: is no KTX2 file of VK_FORMAT_R16G16B16A16_SFLOAT")
+    offset, size = struct.unpack_from("<2Q", data, 80)
+    rgba = np.frombuffer(data[offset : offset + size], "<f2").reshape(height, width, 4).astype(np.float32)
+    return Page(rgba[..., :3].copy(), rgba[..., 3].copy())
 
 
 def nearest(image: np.ndarray, uv: np.ndarray) -> np.ndarray:

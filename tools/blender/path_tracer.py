@@ -17,12 +17,16 @@ def open_scene(path: Path, **gltf_options) -> None:
         bpy.ops.wm.usd_import(filepath=str(path), import_all_materials=False)
 
 
-def pages_of(baked: Path) -> list[dict]:
-    """Size and file (`uri`, decoded) of each page, from the header of the GLB: the importer drops the extras of `asset`."""
+def lumel_of(baked: Path) -> dict:
+    """What the baker wrote about the whole file, from the header of the GLB: the importer drops the extras of `asset`."""
     data = baked.read_bytes()
     size = struct.unpack_from("<I", data, 12)[0]
-    document = json.loads(data[20 : 20 + size])
-    return [p | {"uri": urllib.parse.unquote(p["uri"])} for p in document["asset"]["extras"]["lumel"]["pages"]]
+    return json.loads(data[20 : 20 + size])["asset"]["extras"]["lumel"]
+
+
+def pages_of(baked: Path) -> list[dict]:
+    """Size and file (`uri`, decoded) of each page."""
+    return [p | {"uri": urllib.parse.unquote(p["uri"])} for p in lumel_of(baked)["pages"]]
 
 
 def mesh_objects() -> list:

@@ -1,9 +1,11 @@
 """render_baked.py BAKED.glb OUT.exr WIDTH HEIGHT: shows a baked GLB from its lightmap; no light is computed.
 
-Each surface gets UV map -> page (Non-Color) -> times base colour, plus its own emission -> Emission.
+Each surface gets UV map -> page (Non-Color) -> times base colour (over pi where the page is irradiance), plus its own emission ->
+Emission.
 """
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -12,8 +14,13 @@ import bpy
 import path_tracer
 
 
-def show_lightmap(material, uv_name: str, image, place: dict) -> None:
+# From a texel to what a white wall sends out.
+RADIANCE = {"outgoing": 1, "irradiance": 1 / math.pi}
+
+
+def show_lightmap(material, uv_name: str, image, place: dict, radiance: float) -> None:
     factor, texture, emission = path_tracer.base_colour(material)
+    factor = tuple(v * radiance for v in factor)
     tree, output = path_tracer.fresh(material)
     uv = tree.nodes.new("ShaderNodeUVMap")
     uv.uv_map = uv_name
@@ -38,6 +45,7 @@ def main() -> None:
     baked, out = Path(sys.argv[1]), Path(sys.argv[2])
     width, height = int(sys.argv[3]), int(sys.argv[4])
     path_tracer.open_scene(baked)
+    radiance = RADIANCE[path_tracer.lumel_of(baked)["quantity"]]
     pages: dict[str, object] = {}
     shown = 0
     for o in path_tracer.mesh_objects():
@@ -53,7 +61,7 @@ def main() -> None:
         o.data = o.data.copy()
         for slot in range(len(o.data.materials)):
             o.data.materials[slot] = o.data.materials[slot].copy()
-            show_lightmap(o.data.materials[slot], uv_name, pages[uri], place)
+            show_lightmap(o.data.materials[slot], uv_name, pages[uri], place, radiance)
         shown += 1
     path_tracer.render(width, height, 16, out)
     print(json.dumps({"out": str(out), "surfaces": shown, "pages": sorted(pages)}))

@@ -142,6 +142,17 @@ def blender():
 
 
 @pytest.fixture(scope="session")
+def three():
+    """Renders a baked GLB in three.js (`tools/three/render.py`); skips where no Chromium is."""
+    sys.path.insert(0, str(TOOLS / "three"))
+    import render
+
+    if render.browser() is None:
+        pytest.skip("no chromium on the PATH: apt-get install -y --no-install-recommends chromium")
+    return render.render
+
+
+@pytest.fixture(scope="session")
 def gltf_errors():
     """Errors of the Khronos validator in a file: a list of { code, message, pointer }."""
 

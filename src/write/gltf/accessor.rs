@@ -181,6 +181,24 @@ impl Elements {
         Self { keys, size: 4 * N, bytes }
     }
 
+    /// Elements of two components as numbers, normalized integers as 0..=1; `None` where they have another shape.
+    pub fn pairs(&self) -> Option<Vec<[f32; 2]>> {
+        let (component, 1, 2, size) = layout(&self.keys)? else { return None };
+        let is_normalized = self.keys.get("normalized").and_then(Value::as_bool) == Some(true);
+        let most = match component {
+            Component::I8 => 127.0,
+            Component::U8 => 255.0,
+            Component::I16 => 32767.0,
+            Component::U16 => 65535.0,
+            Component::U32 | Component::F32 => 1.0,
+        };
+        let most = if is_normalized { most } else { 1.0 };
+        let number =
+            |bytes: &[u8]| (component.read(bytes) / most).max(if is_normalized { -1.0 } else { f64::MIN }) as f32;
+        let pair = |bytes: &[u8]| [number(bytes), number(&bytes[component.size()..])];
+        Some(self.bytes.chunks_exact(size).map(pair).collect())
+    }
+
     /// Demands that `min` and `max` be written.
     pub fn with_bounds(mut self) -> Self {
         self.keys.insert("min".into(), Value::Null);

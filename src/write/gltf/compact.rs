@@ -16,13 +16,17 @@ pub struct Before {
 }
 
 /// Extensions that are known not to refer to accessors or views, or to do so where this module looks.
-const KNOWN: [&str; 6] = [
+const KNOWN: [&str; 10] = [
     "EXT_lights_area",
     "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_texture_transform",
+    "MOZ_lightmap",
+    "MOZ_texture_rgbe",
+    "MX_lightmap",
+    "NEEDLE_lightmaps",
 ];
 
 impl Before {

@@ -121,7 +121,7 @@ fn free_set(doc: &Document, mesh: usize, loaded: &Mesh) -> Result<usize> {
 }
 
 /// True where a texture of a primitive's materials is read through set `set`.
-fn is_read(doc: &Document, primitive: &Object, set: usize) -> bool {
+pub fn is_read(doc: &Document, primitive: &Object, set: usize) -> bool {
     fn reads(value: &Value, set: usize) -> bool {
         match value {
             Value::Object(object) => {

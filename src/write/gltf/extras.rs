@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::load::gltf::role;
 use crate::scene::{BakeMode, Scene};
 use crate::unwrap::Placement;
+use crate::write::encode::{Encoded, Encoding};
 use crate::write::{Baked, BakedLights};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -69,10 +70,20 @@ pub fn write_asset(doc: &mut Document, baked: &Baked, vertex_scale: Option<f32>)
         lumel.insert("quantity".into(), quantity.name().into());
         lumel.insert("unit".into(), quantity.unit().into());
         lumel.insert("pages".into(), pages.into());
+        if let Some(encodings) = encodings(baked) {
+            lumel.insert("encodings".into(), encodings);
+        }
         if let Some(scale) = vertex_scale {
             lumel.insert("vertexScale".into(), number(scale));
         }
     }
+}
+
+/// The forms that pages were written in, unless OpenEXR is the only one: decoded texels times `scale` are the values.
+fn encodings(baked: &Baked) -> Option<Value> {
+    let is_plain = |forms: &[Encoded]| forms.iter().all(|f| f.encoding == Encoding::Exr);
+    let form = |f: &Encoded| json!({ "name": f.encoding.name(), "scale": number(f.scale), "uris": f.uris });
+    (!is_plain(baked.encoded)).then(|| baked.encoded.iter().map(form).collect::<Vec<_>>().into())
 }
 
 /// Writes a surface's rectangle into its node.

@@ -132,6 +132,11 @@ fn rebase(uri: &str, scene: &Path, folder: &Path) -> String {
     path + uri
 }
 
+/// The relative path `path`, with `/`, as a URI.
+pub fn uri_of(path: &str) -> String {
+    path.split('/').map(percent_encode).collect::<Vec<_>>().join("/")
+}
+
 fn percent_encode(text: &str) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-._~!$&'()*+,;=@".contains(&b);
     text.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()

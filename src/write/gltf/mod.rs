@@ -12,6 +12,7 @@ mod engine;
 mod extras;
 mod import;
 mod instances;
+mod lightmap_ext;
 mod primitive;
 mod radiance;
 mod scene;
@@ -37,10 +38,12 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
             let mut doc = import::import(source, baked.folder, &mut warnings)?;
             let before = compact::Before::new(&mut doc);
             extras::strip(&mut doc);
+            lightmap_ext::strip(&mut doc);
             match profile {
                 GltfProfile::Engine => {
                     engine::write(&mut doc, baked, &mut warnings)?;
                     extras::write_asset(&mut doc, baked, None);
+                    name_pages(&mut doc, baked, &mut warnings)?;
                 }
                 GltfProfile::Vertex => {
                     let (lights, scale) = radiance::surface_lights(baked);
@@ -57,11 +60,22 @@ pub fn write(path: &Path, baked: &Baked, profile: GltfProfile) -> Result<Warning
             let lights = colors.as_ref().map(|(lights, _)| lights.as_slice());
             let mut doc = scene::build(baked, lights, &mut warnings)?;
             extras::write_asset(&mut doc, baked, colors.as_ref().map(|(_, scale)| *scale));
+            if profile == GltfProfile::Engine {
+                name_pages(&mut doc, baked, &mut warnings)?;
+            }
             doc
         }
     };
     std::fs::write(path, doc.into_glb()?).map_err(|e| Error::io(path, e))?;
     Ok(warnings)
+}
+
+/// Names the pages by the extension that the bake asks for, where it asks for one and has pages.
+fn name_pages(doc: &mut document::Document, baked: &Baked, warnings: &mut Warnings) -> Result<()> {
+    match baked.lightmap_extension.filter(|_| baked.lightmap.is_some()) {
+        Some(extension) => lightmap_ext::write(doc, baked, extension, warnings),
+        None => Ok(()),
+    }
 }
 
 /// The nodes of a glTF scene and their surfaces in order: one, or many where the node draws instances.
