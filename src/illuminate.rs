@@ -11,7 +11,10 @@ use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
-use crate::post::{Lightmap, dilate::finish, layers::layers};
+use crate::post::denoise::{Denoise, DenoiseReport, denoise, scales::Scales};
+use crate::post::dilate::{Finish, finish};
+use crate::post::seam::SeamReport;
+use crate::post::{Lightmap, layers::layers};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
 use crate::scene::Scene;
@@ -36,6 +39,10 @@ pub struct Illuminated {
     pub gathered: Gathered,
     /// How it was exchanged between blocks, where it was.
     pub exchanged: Option<Exchanged>,
+    /// How noise was taken out, where it was.
+    pub denoised: Option<DenoiseReport>,
+    /// How far light jumps across seams.
+    pub seams: SeamReport,
     pub lightmap: Lightmap,
     pub energy: EnergyBalance,
 }
@@ -70,12 +77,17 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         params: &settings.direct_params(),
     };
     let elements = || Elements::new(&ground, &exposure, &reflectance, settings.element_count(), settings.seed);
-    let Found { direct, elements, solution, gathered, backs, exchanged } = match (settings.method, settings.gather()) {
-        (Method::Path, _) => paths(&lit, elements(), settings, &dump, progress)?,
-        (Method::Radiosity, Gather::Blocks) => by_blocks(&lit, settings, &dump, progress)?,
-        (Method::Radiosity, _) => by_elements(&lit, elements(), settings, &dump, progress)?,
-    };
+    let Found { direct, elements, solution, mut gathered, backs, exchanged } =
+        match (settings.method, settings.gather()) {
+            (Method::Path, _) => paths(&lit, elements(), settings, &dump, progress)?,
+            (Method::Radiosity, Gather::Blocks) => by_blocks(&lit, settings, &dump, progress)?,
+            (Method::Radiosity, _) => by_elements(&lit, elements(), settings, &dump, progress)?,
+        };
 
+    let denoised = denoise(&lit, &mut gathered, &settings.denoise_params(), progress)?;
+    if denoised.is_some() {
+        dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
+    }
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
     let looks = match scene.surfaces.iter().all(|s| s.role.casts) {
@@ -86,8 +98,9 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         Some((reflectance, emission)) => Lit { reflectance, emission, ..lit },
         None => lit,
     };
-    let mut lightmap = finish(&shown, &gathered.irradiance, settings.quantity);
-    lightmap.layers = layers(&shown, &direct, &gathered, &settings.layers, settings.quantity);
+    let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
+    let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
+    lightmap.layers = layers(&to, &direct, &gathered, &settings.layers, settings.quantity);
     let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered };
     let energy = balance(&bake, &lightmap, !settings.float);
     Ok(Illuminated {
@@ -100,6 +113,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         solution,
         gathered,
         exchanged,
+        denoised,
+        seams,
         lightmap,
         energy,
     })
@@ -174,12 +189,21 @@ fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progre
     let noise = traced.noise(lit.exposure);
     let indirect: Vec<Rgb> = traced.irradiance.iter().zip(&traced.direct).map(|(e, d)| *e - *d).collect();
     dump.patches("indirect", lit.ground, |i| indirect[i])?;
-    let transport = Arc::new(traced.direct);
+    let [difference, mut direct_difference] = traced.difference;
+    let mut direct = traced.direct;
+    let mut irradiance = traced.irradiance;
+    if settings.denoise_params().filter != Denoise::Off {
+        // Here the noise of direct light is known as well.
+        Scales::default().filter(lit, &mut direct, &mut direct_difference, &mut [], progress)?;
+        irradiance = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
+    }
+    let transport = Arc::new(direct);
     let shown = Sparse::same(Arc::clone(&transport));
     let direct = Direct { transport, shown, inflow: traced.inflow, rays: traced.rays };
     let gathered = Gathered {
-        sky: vec![Rgb::ZERO; traced.irradiance.len()],
-        irradiance: traced.irradiance,
+        sky: vec![Rgb::ZERO; irradiance.len()],
+        irradiance,
+        difference,
         standard_error: traced.standard_error,
         indirect,
         parts: Vec::new(),

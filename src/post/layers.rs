@@ -2,22 +2,29 @@
 //! of the rendering equation, the last with all that follow. They add up to the page, `emitted` included where the quantity is
 //! radiosity, and without it where it is not.
 
-use super::dilate::fill;
+use super::dilate::{Finish, fill};
 use super::{Layer, LayerKind, Quantity};
 use crate::color::Rgb;
 use crate::gather::Gathered;
-use crate::light::{Direct, Lit};
+use crate::light::Direct;
 use std::f32::consts::PI;
 
 /// The layers `wanted` of a bake, in the quantity of its pages.
-pub fn layers(lit: &Lit, direct: &Direct, gathered: &Gathered, wanted: &[LayerKind], quantity: Quantity) -> Vec<Layer> {
+pub fn layers(
+    to: &Finish,
+    direct: &Direct,
+    gathered: &Gathered,
+    wanted: &[LayerKind],
+    quantity: Quantity,
+) -> Vec<Layer> {
     if wanted.is_empty() {
         return Vec::new();
     }
+    let lit = &to.lit;
     let n = gathered.irradiance.len();
     let straight: Vec<Rgb> = (0..n).map(|i| direct.shown[i] + gathered.sky[i]).collect();
     let reflected: Vec<Rgb> = (0..n).map(|i| gathered.indirect[i] - gathered.sky[i]).collect();
-    let pages = |value: &dyn Fn(usize) -> Rgb| fill(lit, value).into_iter().map(|page| page.rgb).collect::<Vec<_>>();
+    let pages = |value: &dyn Fn(usize) -> Rgb| fill(to, value).into_iter().map(|page| page.rgb).collect::<Vec<_>>();
     let layer = |name: String, irradiance: &[Rgb]| Layer {
         name,
         pages: pages(&|i| quantity.of(irradiance[i], lit.reflectance.0[i])),
