@@ -398,6 +398,20 @@ pub struct ResultArgs {
     /// The normal that E is about: the interpolated one where authored, or the triangle's [default: shading]
     #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["shading", "geometric"]))]
     pub normals: Option<String>,
+    /// What takes noise out, within each chart: auto: builtin where texels gather on their own, nothing more where blocks do;
+    /// builtin; oidn: Open Image Denoise 2, whose library must be there; off [default: auto]
+    #[arg(long, value_name = "FILTER", value_parser = PossibleValuesParser::new(["auto", "builtin", "oidn", "off"]))]
+    pub denoise: Option<String>,
+    /// The library of Open Image Denoise, as LUMEL_OIDN names it [default: looked for by its usual names]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub oidn_library: Option<PathBuf>,
+    /// Where charts meet, light is made to agree: between all, those of one surface alone, or off [default: all]
+    #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["all", "surface", "off"]))]
+    pub seams: Option<String>,
+    /// What the space between charts holds; all: light of the charts around, so that mip levels read no black; padding: nothing
+    /// beyond the padding [default: all]
+    #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["all", "padding"]))]
+    pub gutter: Option<String>,
     /// Parts of the light as layers of the pages, separated by commas: direct, indirect, bounces (emitted, then reflected no
     /// time, once, twice, ... before it arrives), error (the estimated standard error), emission, light-groups (the light that
     /// each group of lights causes), shadow-masks (the visible share of each light that is not wholly baked, or else of all up to

@@ -36,6 +36,9 @@ pub struct Gathered {
     pub irradiance: Vec<Rgb>,
     /// Standard error of `irradiance`, estimated from two halves of the rays; zero without a gather [lx].
     pub standard_error: Vec<Rgb>,
+    /// Half the difference between the means of two independent halves of the samples, of `indirect` [lx]; empty where there
+    /// are none, or nothing needs it.
+    pub difference: Vec<Rgb>,
     /// The part that the gather found [lx]. This and `sky` and `standard_error` may be left empty where no layer needs them.
     pub indirect: Vec<Rgb>,
     /// The part of that which comes straight from the sky [lx].
@@ -197,6 +200,7 @@ pub fn gather(
     Ok(Gathered {
         irradiance: collected.iter().zip(direct.shown.iter()).map(|(c, d)| *d + c.mean()).collect(),
         standard_error: collected.iter().map(|c| 0.5 * (c.halves[0] - c.halves[1]).abs()).collect(),
+        difference: collected.iter().map(|c| 0.5 * (c.halves[0] - c.halves[1])).collect(),
         indirect: collected.iter().map(Collected::mean).collect(),
         sky: collected.iter().map(|c| c.sky).collect(),
         parts: (0..sources.parts.len()).map(|k| collected.iter().map(|c| c.parts[k]).collect()).collect(),
@@ -236,6 +240,7 @@ pub fn read_elements(
     Ok(Gathered {
         irradiance: indirect.iter().zip(direct.shown.iter()).map(|(i, d)| *i + *d).collect(),
         standard_error: vec![Rgb::ZERO; n],
+        difference: Vec::new(),
         parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
         groups: Vec::new(),
         landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e - e % step).landed_share)).collect(),

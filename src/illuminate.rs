@@ -14,8 +14,11 @@ use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
+use crate::post::denoise::{Denoise, DenoiseReport, denoise, scales::Scales};
+use crate::post::dilate::{Finish, finish};
 use crate::post::layers::{self, Group, layers};
-use crate::post::{LayerKind, Lightmap, dilate::finish};
+use crate::post::seam::SeamReport;
+use crate::post::{LayerKind, Lightmap};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
 use crate::scene::{BakeMode, Scene};
@@ -40,6 +43,10 @@ pub struct Illuminated {
     pub gathered: Gathered,
     /// How it was exchanged between blocks, where it was.
     pub exchanged: Option<Exchanged>,
+    /// How noise was taken out, where it was.
+    pub denoised: Option<DenoiseReport>,
+    /// How far light jumps across seams.
+    pub seams: SeamReport,
     pub lightmap: Lightmap,
     pub energy: EnergyBalance,
     /// Rays that layers took besides.
@@ -50,8 +57,7 @@ pub struct Illuminated {
 ///
 /// # Errors
 /// `Cancelled`; `Invalid` where no texel is covered, there are too many elements for the solver, or the method can't leave direct
-/// light out; `Io` where stages can't be
-/// dumped.
+/// light out; `Io` where stages can't be dumped.
 pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &dyn Progress) -> Result<Illuminated> {
     let dump = Dump::new(settings.dump_stages.as_deref());
     // The tree is built by one thread.
@@ -76,9 +82,13 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lights: &lights,
         params: &settings.direct_params(),
     };
-    let Found { direct, elements, solution, gathered, backs, exchanged, groups, left_out } =
+    let Found { direct, elements, solution, mut gathered, backs, exchanged, groups, left_out } =
         find(&lit, settings, &dump, progress)?;
 
+    let denoised = denoise(&lit, &mut gathered, &settings.denoise_params(), progress)?;
+    if denoised.is_some() {
+        dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
+    }
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
     let looks = match scene.surfaces.iter().all(|s| s.role.casts) {
@@ -89,8 +99,9 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         Some((reflectance, emission)) => Lit { reflectance, emission, ..lit },
         None => lit,
     };
-    let mut lightmap = finish(&shown, &gathered.irradiance, settings.quantity);
-    let sources = layers::Sources { lit: &shown, direct: &direct, gathered: &gathered, groups: &groups };
+    let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
+    let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
+    let sources = layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
     let left_out = left_out.as_deref();
@@ -106,6 +117,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         solution,
         gathered,
         exchanged,
+        denoised,
+        seams,
         lightmap,
         energy,
         layer_rays,
@@ -257,12 +270,21 @@ fn paths(
     let noise = traced.noise(lit.exposure);
     let indirect: Vec<Rgb> = traced.irradiance.iter().zip(&traced.direct).map(|(e, d)| *e - *d).collect();
     dump.patches("indirect", lit.ground, |i| indirect[i])?;
-    let transport = Arc::new(traced.direct);
+    let [difference, mut direct_difference] = traced.difference;
+    let mut direct = traced.direct;
+    let mut irradiance = traced.irradiance;
+    if settings.denoise_params().filter != Denoise::Off {
+        // Here the noise of direct light is known as well.
+        Scales::default().filter(lit, &mut direct, &mut direct_difference, &mut [], progress)?;
+        irradiance = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
+    }
+    let transport = Arc::new(direct);
     let shown = Sparse::same(Arc::clone(&transport));
     let direct = Direct { transport, shown, inflow: traced.inflow, rays: traced.rays };
     let gathered = Gathered {
-        sky: vec![Rgb::ZERO; traced.irradiance.len()],
-        irradiance: traced.irradiance,
+        sky: vec![Rgb::ZERO; irradiance.len()],
+        irradiance,
+        difference,
         standard_error: traced.standard_error,
         indirect,
         parts: Vec::new(),

@@ -52,6 +52,8 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         noise: 100.0 * e.noise,
         bias: 100.0 * e.bias,
     });
+    report.denoise = lit.denoised.clone();
+    report.seams = (lit.seams.texels > 0.0).then_some(lit.seams);
     report.energy = lit.energy;
     if lit.solution.blocked_share > 0.0 {
         let message =

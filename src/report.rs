@@ -2,7 +2,7 @@
 
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
-use crate::post::Layer;
+use crate::post::{Layer, denoise::DenoiseReport, seam::SeamReport};
 use crate::progress::Progress;
 use crate::scene::{BakeMode, Contribution, Environment};
 use crate::settings::{Gather, Settings};
@@ -53,6 +53,12 @@ pub struct Report {
     /// What error is estimated to be left; absent where blocks did not gather.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
+    /// How noise was taken out; absent where it was not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub denoise: Option<DenoiseReport>,
+    /// How far light jumps across seams.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seams: Option<SeamReport>,
     pub energy: EnergyBalance,
     /// Most memory that the process held [bytes]; absent where the system doesn't tell.
     pub peak_memory_bytes: Option<u64>,

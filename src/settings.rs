@@ -11,8 +11,9 @@ use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
+use crate::post::denoise::{Denoise, DenoiseParams};
 use crate::post::layers::LayerParams;
-use crate::post::{LayerKind, Quantity};
+use crate::post::{LayerKind, Quantity, gutter::Gutter, seam::SeamMode};
 use crate::reference::{PathParams, Strategy};
 use crate::scene::BakeMode;
 use crate::solve::{SolveParams, Solver};
@@ -74,6 +75,14 @@ pub struct Settings {
     /// KTX2 pages get mip levels.
     pub mips: bool,
     pub method: Method,
+    /// Which filter takes noise out.
+    pub denoise: Denoise,
+    /// The library of Open Image Denoise; none: looked for by its usual names.
+    pub oidn_library: Option<PathBuf>,
+    /// Between which charts light is made to agree.
+    pub seams: SeamMode,
+    /// What the space between charts holds.
+    pub gutter: Gutter,
     /// Parts of the light that pages hold as layers of their own.
     pub layers: Vec<LayerKind>,
     /// How far away things occlude in the layers ao and bent-normal [m]; 0: however far; none: 1.
@@ -465,9 +474,20 @@ impl Settings {
             time: self.time_budget,
             max_bounces: self.max_bounces,
             residual: RESIDUAL,
-            layers: !self.layers.is_empty(),
+            layers: !self.layers.is_empty() || self.denoise_params().filter != Denoise::Off,
             seed: self.seed,
         }
+    }
+
+    /// How noise is taken out, the filter chosen.
+    pub fn denoise_params(&self) -> DenoiseParams {
+        let is_single = self.gather() == Gather::Final;
+        let filter = match self.denoise {
+            Denoise::Auto if is_single => Denoise::Builtin,
+            Denoise::Auto => Denoise::Off,
+            chosen => chosen,
+        };
+        DenoiseParams { filter, library: self.oidn_library.clone() }
     }
 
     /// The final gather's parameters.

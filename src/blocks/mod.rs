@@ -300,6 +300,7 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
     let mut gathered = Gathered {
         irradiance: direct.shown.to_vec(),
         standard_error: none(),
+        difference: none(),
         indirect: none(),
         sky: none(),
         parts: Vec::new(),
@@ -318,6 +319,7 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
         if field.params.layers {
             let b = field.blocks.front_of[i] as usize;
             gathered.standard_error[i] = Rgb::splat(smoothed.error[b].max(0.0).sqrt());
+            gathered.difference[i] = Rgb::splat(values[DIFFERENCE]);
             gathered.indirect[i] = respond::irradiance(values);
             gathered.sky[i] = respond::sky(values);
         }

@@ -1,10 +1,13 @@
 //! Patch values to pages, and their extension into gutters, so that bilinear look-ups at a chart's border read its own light.
 
+use super::gutter::{Gutter, push_pull};
+use super::seam::{SeamMode, SeamReport, Seams, stitch::stitch, taps};
 use super::{Lightmap, PageImage, Quantity};
-use crate::color::Rgb;
+use crate::color::{Rgb, luminance};
 use crate::light::Lit;
 use crate::patch::{NONE, Patches};
 use crate::unwrap::Atlas;
+use glam::Vec2;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -16,35 +19,79 @@ const SMOOTHING_ROUNDS: usize = 16;
 const UNTOUCHED_RINGS: usize = 2;
 
 /// A page while it is being filled.
-struct Canvas {
-    size: [usize; 2],
-    rgb: Vec<Rgb>,
+pub(super) struct Canvas {
+    pub size: [usize; 2],
+    pub rgb: Vec<Rgb>,
     coverage: Vec<f32>,
     /// Chart of each texel, [`NONE`] in the gutter.
-    chart: Vec<u32>,
-    filled: Vec<bool>,
+    pub chart: Vec<u32>,
+    pub filled: Vec<bool>,
 }
 
-/// Makes finished pages: patch irradiance [lx] as `quantity`, buried texels filled from their own chart, gutters filled
-/// `atlas.padding` texels wide.
-pub fn finish(lit: &Lit, irradiance: &[Rgb], quantity: Quantity) -> Lightmap {
-    let pages = fill(lit, |i| {
+/// How patch values come to pages: the same for the whole light and for every part of it, so that parts add up.
+pub struct Finish<'a> {
+    pub lit: Lit<'a>,
+    pub seams: Seams,
+    pub gutter: Gutter,
+}
+
+impl<'a> Finish<'a> {
+    /// Seams as `mode` has them, for values of `quantity`.
+    pub fn new(lit: Lit<'a>, mode: SeamMode, gutter: Gutter, quantity: Quantity) -> Self {
+        Self { lit, seams: Seams::new(&lit, mode, quantity), gutter }
+    }
+
+    /// Values as they are, and the padding alone: for pages that are looked at along the way.
+    pub fn plain(lit: Lit<'a>) -> Self {
+        Self { lit, seams: Seams::default(), gutter: Gutter::Padding }
+    }
+}
+
+/// Makes finished pages: patch irradiance [lx] as `quantity`, buried texels filled from their own chart, seams closed, gutters
+/// filled. With them, how far light jumps across seams before and after.
+pub fn finish(to: &Finish, irradiance: &[Rgb], quantity: Quantity) -> (Lightmap, SeamReport) {
+    let lit = &to.lit;
+    let (pages, seams) = fill_measured(to, |i| {
         let value = quantity.of(irradiance[i], lit.reflectance.0[i]);
         if quantity == Quantity::Radiosity { value + lit.emission.0[i] * PI } else { value }
     });
-    Lightmap { pages, quantity, layers: Vec::new() }
+    (Lightmap { pages, quantity, layers: Vec::new() }, seams)
 }
 
-/// Patch values on finished pages.
-pub fn fill(lit: &Lit, value: impl Fn(usize) -> Rgb) -> Vec<PageImage> {
+/// Patch values on finished pages. Where no value is negative, none becomes so.
+pub fn fill(to: &Finish, value: impl Fn(usize) -> Rgb) -> Vec<PageImage> {
+    fill_measured(to, value).0
+}
+
+fn fill_measured(to: &Finish, value: impl Fn(usize) -> Rgb) -> (Vec<PageImage>, SeamReport) {
+    let Finish { lit, seams, gutter } = to;
     let atlas = lit.ground.atlas;
     let mut canvases = paint(atlas, lit.ground.patches, value, |i| !lit.exposure.is_buried(i));
     for canvas in &mut canvases {
         let buried = canvas.spread(usize::MAX, true);
         canvas.smooth(&buried);
-        canvas.spread(atlas.padding as usize, false);
+        // What bilinear look-ups at a chart's border read.
+        canvas.spread(1, false);
     }
-    canvases.into_iter().map(Canvas::into_page).collect()
+    let mut report = SeamReport::default();
+    if !seams.samples.is_empty() {
+        let gap = |canvases: &[Canvas]| 100.0 * seams.measure(|place| canvases[place.page as usize].read(place.at));
+        let signed: Vec<bool> = canvases.par_iter().map(Canvas::is_signed).collect();
+        report.texels = seams.texels();
+        report.before = gap(&canvases);
+        stitch(lit, seams, &mut canvases);
+        for (canvas, _) in canvases.iter_mut().zip(signed).filter(|(_, signed)| !signed) {
+            canvas.rgb.par_iter_mut().for_each(|v| *v = v.max(Rgb::ZERO));
+        }
+        report.after = gap(&canvases);
+    }
+    for canvas in &mut canvases {
+        canvas.spread((atlas.padding as usize).saturating_sub(1), false);
+        if *gutter == Gutter::All {
+            push_pull(canvas.size, &mut canvas.rgb, &canvas.filled);
+        }
+    }
+    (canvases.into_iter().map(Canvas::into_page).collect(), report)
 }
 
 /// Patch values on pages as they are, gutters black: for looking at a stage.
@@ -121,6 +168,34 @@ impl Canvas {
                 self.rgb[t] = mean;
             }
         }
+    }
+
+    /// The up to four texels at the sides of texel `t`.
+    pub fn beside(&self, t: usize) -> impl Iterator<Item = usize> + use<> {
+        let [w, h] = self.size;
+        let (x, y) = (t % w, t / w);
+        let is_there = [x > 0, x + 1 < w, y > 0, y + 1 < h];
+        let texels = [t.wrapping_sub(1), t + 1, t.wrapping_sub(w), t + w];
+        texels.into_iter().zip(is_there).filter(|(_, there)| *there).map(|(n, _)| n)
+    }
+
+    /// The chart that a texel belongs to, or in whose gutter it lies; [`NONE`] where there are several or none.
+    pub fn owner(&self, t: usize) -> u32 {
+        if self.chart[t] != NONE {
+            return self.chart[t];
+        }
+        let mut charts = self.around(t).map(|n| self.chart[n]).filter(|c| *c != NONE);
+        let first = charts.next().unwrap_or(NONE);
+        if charts.all(|c| c == first) { first } else { NONE }
+    }
+
+    /// Luminance as engines read it at `at` [texels].
+    fn read(&self, at: Vec2) -> f32 {
+        taps(self.size, at).iter().map(|&(t, weight)| luminance(self.rgb[t]) * weight).sum()
+    }
+
+    fn is_signed(&self) -> bool {
+        self.rgb.iter().any(|v| v.min_element() < 0.0)
     }
 
     /// The texel and its up to eight neighbours.

@@ -4,7 +4,7 @@
 //! follow. They add up to the page, `emitted` included where the quantity is radiosity, and without it where it is not. Light groups
 //! add up to the page in any quantity: of radiosity each has what its own materials emit.
 
-use super::dilate::fill;
+use super::dilate::{Finish, fill};
 use super::{Channels, Layer, LayerKind, Quantity};
 use crate::Result;
 use crate::color::Rgb;
@@ -29,7 +29,7 @@ pub struct Group {
 /// The light that layers are made of.
 #[derive(Clone, Copy)]
 pub struct Sources<'a> {
-    pub lit: &'a Lit<'a>,
+    pub to: &'a Finish<'a>,
     pub direct: &'a Direct,
     pub gathered: &'a Gathered,
     pub groups: &'a [Group],
@@ -61,7 +61,7 @@ pub fn layers(sources: &Sources, params: &LayerParams, progress: &dyn Progress) 
     let open = match near || sky {
         true => {
             let LayerParams { samples, ao_distance: distance, seed, .. } = *params;
-            openness(sources.lit, &OpennessParams { samples, distance, near, sky, seed }, progress)?
+            openness(&sources.to.lit, &OpennessParams { samples, distance, near, sky, seed }, progress)?
         }
         false => Openness::default(),
     };
@@ -69,10 +69,10 @@ pub fn layers(sources: &Sources, params: &LayerParams, progress: &dyn Progress) 
     let mut all = Vec::new();
     for kind in &params.wanted {
         match kind {
-            LayerKind::Ao => all.push(share(sources.lit, "ao", &open.ambient)),
-            LayerKind::SkyVisibility => all.push(share(sources.lit, "sky-visibility", &open.sky)),
-            LayerKind::BentNormal => all.push(directions(sources.lit, "bent-normal", &open.bent)),
-            LayerKind::ShadowMasks => rays += shadow_masks(sources.lit, &mut all, progress)?,
+            LayerKind::Ao => all.push(share(sources.to, "ao", &open.ambient)),
+            LayerKind::SkyVisibility => all.push(share(sources.to, "sky-visibility", &open.sky)),
+            LayerKind::BentNormal => all.push(directions(sources.to, "bent-normal", &open.bent)),
+            LayerKind::ShadowMasks => rays += shadow_masks(sources.to, &mut all, progress)?,
             kind => sources.light(*kind, params.quantity, &mut all),
         }
     }
@@ -82,19 +82,20 @@ pub fn layers(sources: &Sources, params: &LayerParams, progress: &dyn Progress) 
 impl Sources<'_> {
     /// Adds the layers of a kind of light.
     fn light(&self, kind: LayerKind, quantity: Quantity, all: &mut Vec<Layer>) {
-        let Self { lit, direct, gathered, groups } = *self;
+        let Self { to, direct, gathered, groups } = *self;
+        let lit = &to.lit;
         let straight = |i: usize| direct.shown[i] + gathered.sky[i];
         let reflected = |i: usize| gathered.indirect[i] - gathered.sky[i];
         let layer = |name: &str, irradiance: &dyn Fn(usize) -> Rgb| {
-            light(lit, name, quantity.unit(), |i| quantity.of(irradiance(i), lit.reflectance.0[i]))
+            light(to, name, quantity.unit(), |i| quantity.of(irradiance(i), lit.reflectance.0[i]))
         };
         match kind {
             LayerKind::Direct => all.push(layer("direct", &straight)),
             LayerKind::Indirect => all.push(layer("indirect", &reflected)),
             LayerKind::Error => all.push(layer("error", &|i| gathered.standard_error[i])),
-            LayerKind::Emission => all.push(emission(lit, "emission", quantity)),
+            LayerKind::Emission => all.push(emission(to, "emission", quantity)),
             LayerKind::Bounces => {
-                all.push(emission(lit, "emitted", quantity));
+                all.push(emission(to, "emitted", quantity));
                 all.push(layer("bounce0", &straight));
                 // What is reflected once is read at the texels themselves.
                 let once = |i: usize| reflected(i) - gathered.parts.iter().map(|p| p[i]).sum::<Rgb>();
@@ -112,7 +113,7 @@ impl Sources<'_> {
                         if is_own { lit.emission.0[i] * PI } else { Rgb::ZERO }
                     };
                     let value = |i: usize| quantity.of(group.irradiance[i], lit.reflectance.0[i]) + glow(i);
-                    let layer = light(lit, &format!("group.{}", group.name), quantity.unit(), value);
+                    let layer = light(to, &format!("group.{}", group.name), quantity.unit(), value);
                     all.push(Layer { of: Some(group.name.clone()), ..layer });
                 }
             }
@@ -139,39 +140,39 @@ fn emitting_groups(lit: &Lit, groups: &[Group], quantity: Quantity) -> Vec<u32> 
 }
 
 /// A layer of light.
-fn light(lit: &Lit, name: &str, unit: &'static str, value: impl Fn(usize) -> Rgb) -> Layer {
-    let pages = fill(lit, value).into_iter().map(|page| page.rgb).collect();
+fn light(to: &Finish, name: &str, unit: &'static str, value: impl Fn(usize) -> Rgb) -> Layer {
+    let pages = fill(to, value).into_iter().map(|page| page.rgb).collect();
     Layer { name: name.into(), pages, channels: Channels::Rgb, unit, of: None }
 }
 
 /// What surfaces emit: radiance, or where pages hold densities of flux, emittance.
-fn emission(lit: &Lit, name: &str, quantity: Quantity) -> Layer {
+fn emission(to: &Finish, name: &str, quantity: Quantity) -> Layer {
     let (factor, unit) = if quantity == Quantity::Outgoing { (1.0, "nit") } else { (PI, "lm/m^2") };
-    light(lit, name, unit, |i| lit.emission.0[i] * factor)
+    light(to, name, unit, |i| to.lit.emission.0[i] * factor)
 }
 
 /// A layer of shares, 0..=1.
-fn share(lit: &Lit, name: &str, values: &[f32]) -> Layer {
-    Layer { channels: Channels::Y, ..light(lit, name, "1", |i| Rgb::splat(values[i])) }
+fn share(to: &Finish, name: &str, values: &[f32]) -> Layer {
+    Layer { channels: Channels::Y, ..light(to, name, "1", |i| Rgb::splat(values[i])) }
 }
 
 /// A layer of unit vectors in the world; what is filled in between is made unit again.
-fn directions(lit: &Lit, name: &str, values: &[Vec3]) -> Layer {
-    let mut layer = Layer { channels: Channels::Xyz, ..light(lit, name, "1", |i| values[i]) };
+fn directions(to: &Finish, name: &str, values: &[Vec3]) -> Layer {
+    let mut layer = Layer { channels: Channels::Xyz, ..light(to, name, "1", |i| values[i]) };
     layer.pages.iter_mut().flatten().for_each(|v| *v = v.normalize_or_zero());
     layer
 }
 
 /// Adds the mask of each chosen light, and returns the rays that took.
-fn shadow_masks(lit: &Lit, all: &mut Vec<Layer>, progress: &dyn Progress) -> Result<u64> {
+fn shadow_masks(to: &Finish, all: &mut Vec<Layer>, progress: &dyn Progress) -> Result<u64> {
     let mut rays = 0;
     let mut names = BTreeSet::new();
-    for l in masked_lights(lit.ground.scene).0 {
-        let (mask, traced) = shadow_mask(lit, l, progress)?;
+    for l in masked_lights(to.lit.ground.scene).0 {
+        let (mask, traced) = shadow_mask(&to.lit, l, progress)?;
         rays += traced;
-        let light = &lit.ground.scene.lights[l].name;
+        let light = &to.lit.ground.scene.lights[l].name;
         let name = channel_name(light, &mut names);
-        all.push(Layer { of: Some(light.clone()), ..share(lit, &format!("shadow.{name}"), &mask) });
+        all.push(Layer { of: Some(light.clone()), ..share(to, &format!("shadow.{name}"), &mask) });
     }
     Ok(rays)
 }

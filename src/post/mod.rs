@@ -1,7 +1,10 @@
-//! From texel values to pages that can be shown: gutters, vertex colours.
+//! From texel values to pages that can be shown: noise taken out, seams closed, gutters filled; vertex colours.
 
+pub mod denoise;
 pub mod dilate;
+pub mod gutter;
 pub mod layers;
+pub mod seam;
 pub mod vertex;
 
 use crate::color::Rgb;

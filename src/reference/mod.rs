@@ -82,6 +82,9 @@ pub struct Traced {
     pub irradiance: Vec<Rgb>,
     /// Standard error of `irradiance`, estimated from [`BATCHES`] means [lx].
     pub standard_error: Vec<Rgb>,
+    /// Half the difference between the means of two independent halves of the paths, of what was reflected and of what comes
+    /// straight from lights and the sky [lx].
+    pub difference: [Vec<Rgb>; 2],
     /// The part of `irradiance` that comes straight from lights and the sky [lx].
     pub direct: Vec<Rgb>,
     /// Share of the first rays that landed on something that can send light back.
@@ -109,6 +112,7 @@ pub struct TracedBacks {
 struct Texel {
     irradiance: DVec3,
     standard_error: DVec3,
+    difference: [DVec3; 2],
     direct: DVec3,
     inflow: DVec3,
     landed_share: f32,
@@ -141,6 +145,7 @@ pub fn trace(lit: &Lit, params: &PathParams, progress: &dyn Progress) -> Result<
     Ok(Traced {
         irradiance: rgb(|t| t.irradiance),
         standard_error: rgb(|t| t.standard_error),
+        difference: [rgb(|t| t.difference[0]), rgb(|t| t.difference[1])],
         direct: rgb(|t| t.direct),
         landed_share: texels.iter().map(|t| t.landed_share).collect(),
         inflow: (texels.iter().enumerate())
@@ -173,7 +178,11 @@ fn at_patch(
     let mean = |of: fn(&Found) -> DVec3| batches.iter().map(of).sum::<DVec3>() / b;
     let irradiance = mean(|f| f.irradiance);
     let squares: DVec3 = batches.iter().map(|f| (f.irradiance - irradiance).map(|d| d * d)).sum();
+    let (first, second) = batches.split_at(batches.len() / 2);
+    let sum = |half: &[Found], of: fn(&Found) -> DVec3| half.iter().map(of).sum::<DVec3>();
+    let half_difference = |of: fn(&Found) -> DVec3| (sum(first, of) - sum(second, of)) / b;
     Ok(Texel {
+        difference: [half_difference(|f| f.irradiance - f.direct), half_difference(|f| f.direct)],
         irradiance,
         standard_error: (squares / (b * (b - 1.0))).map(f64::sqrt),
         direct: mean(|f| f.direct),

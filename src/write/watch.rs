@@ -4,7 +4,7 @@ use super::exr::{PageHeader, write_page};
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::light::{Direct, Lit};
-use crate::post::dilate::finish;
+use crate::post::dilate::{Finish, finish};
 use crate::post::{PageImage, Quantity};
 use std::path::Path;
 
@@ -66,7 +66,7 @@ impl<'a> WatchFolder<'a> {
     /// `Io` naming the file.
     pub fn show(&self, iteration: u64, lit: &Lit, irradiance: impl Fn(usize) -> Rgb) -> Result<()> {
         let irradiance: Vec<Rgb> = (0..lit.ground.patches.len()).map(irradiance).collect();
-        let pages = finish(lit, &irradiance, self.quantity).pages;
+        let pages = finish(&Finish::plain(*lit), &irradiance, self.quantity).0.pages;
         for (page, image) in pages.iter().enumerate().take(lit.ground.atlas.shown_pages) {
             let name = |extension: &str| self.folder.join(format!("{iteration:06}_{page}.{extension}"));
             let header =

@@ -4,6 +4,7 @@ use super::{Quad, atlas, room, scene};
 use glam::{Affine3A, Vec2, Vec3};
 use lumel::color::{Rgb, luminance};
 use lumel::illuminate::{Illuminated, illuminate};
+use lumel::post::denoise::Denoise;
 use lumel::progress::Silent;
 use lumel::scene::{Environment, Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin};
 use lumel::settings::{Gather, Method, Normals, Quality, Settings};
@@ -50,12 +51,14 @@ impl Case {
 
     /// By the final gather, with so many rays a texel.
     pub fn gathered(&self, samples: u32) -> Illuminated {
-        let base = Settings { gather: Gather::Final, quality: Quality::High, seed: 99, ..Settings::default() };
+        let quality = Quality::High;
+        let base = Settings { gather: Gather::Final, quality, seed: 99, denoise: Denoise::Off, ..Settings::default() };
         self.bake(&Settings { samples: Some(samples), ..base })
     }
 
     pub fn paths(&self, samples: u32) -> Illuminated {
-        self.bake(&Settings { method: Method::Path, samples: Some(samples), seed: 77, ..Settings::default() })
+        let denoise = Denoise::Off;
+        self.bake(&Settings { method: Method::Path, samples: Some(samples), seed: 77, denoise, ..Settings::default() })
     }
 }
 

@@ -1,0 +1,106 @@
+//! Noise taken out of the light that texels gathered each on its own.
+//!
+//! Texels of one chart know about each other: what their differences have beyond the noise that two independent halves of the
+//! samples tell is detail, the rest is noise ([`scales`]). Intel's Open Image Denoise, where its library is present and asked for,
+//! knows what lightmaps look like instead ([`oidn`]). Neither looks across the border of a chart.
+//!
+//! Light by blocks ([`crate::blocks`]) was smoothed in the same manner while it was solved, and knows its noise by block.
+
+pub mod oidn;
+pub mod scales;
+
+use crate::color::{Rgb, luminance};
+use crate::error::Result;
+use crate::gather::Gathered;
+use crate::light::Lit;
+use crate::progress::Progress;
+use oidn::Oidn;
+use scales::Scales;
+use std::path::PathBuf;
+
+/// Which filter takes noise out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Denoise {
+    /// [`Denoise::Builtin`] where texels gather on their own; nothing more where blocks, which are smooth already, gather.
+    #[default]
+    Auto,
+    /// The filter of this module.
+    Builtin,
+    /// Intel's Open Image Denoise.
+    Oidn,
+    /// None.
+    Off,
+}
+
+/// What is asked for.
+#[derive(Clone, Debug, Default)]
+pub struct DenoiseParams {
+    pub filter: Denoise,
+    /// The library of Open Image Denoise; none: looked for by its usual names.
+    pub library: Option<PathBuf>,
+}
+
+/// What was done.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct DenoiseReport {
+    /// `builtin` or the name and version of Open Image Denoise.
+    pub filter: String,
+    /// Standard error of the light that was filtered, root mean square over mean irradiance [%]: before, and of what is left of
+    /// it as far as the filter knows.
+    pub before: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after: Option<f64>,
+}
+
+/// Takes the noise out of the gathered part of `gathered`, in place, and of the parts of it that are kept. `None` where there
+/// is nothing to do: no halves to tell noise by, or no filter wanted.
+///
+/// # Errors
+/// `Invalid` where Open Image Denoise is asked for and not found, or fails; `Cancelled`.
+pub fn denoise(
+    lit: &Lit,
+    gathered: &mut Gathered,
+    params: &DenoiseParams,
+    progress: &dyn Progress,
+) -> Result<Option<DenoiseReport>> {
+    if params.filter == Denoise::Off || gathered.difference.is_empty() {
+        return Ok(None);
+    }
+    progress.begin("denoise", 0);
+    let straight: Vec<Rgb> = gathered.irradiance.iter().zip(&gathered.indirect).map(|(e, i)| *e - *i).collect();
+    let before = noise(lit, gathered);
+    let Gathered { indirect, difference, sky, parts, .. } = gathered;
+    let mut rest: Vec<&mut Vec<Rgb>> = std::iter::once(sky).chain(parts).filter(|part| !part.is_empty()).collect();
+    let mut report = DenoiseReport { filter: "builtin".into(), before: 100.0 * before, after: None };
+    match params.filter {
+        Denoise::Oidn => {
+            let library = Oidn::open(params.library.as_deref())?;
+            report.filter = library.name();
+            library.filter(lit, indirect, progress)?;
+            for part in rest {
+                library.filter(lit, part, progress)?;
+            }
+        }
+        _ => Scales::default().filter(lit, indirect, difference, &mut rest, progress)?,
+    }
+    gathered.irradiance.iter_mut().zip(straight).zip(&gathered.indirect).for_each(|((e, s), i)| *e = s + *i);
+    if params.filter != Denoise::Oidn {
+        gathered.standard_error = gathered.difference.iter().map(|d| d.abs()).collect();
+        gathered.noise = noise(lit, gathered);
+        report.after = Some(100.0 * gathered.noise);
+    }
+    Ok(Some(report))
+}
+
+/// Standard error of the gathered light, root mean square over mean irradiance (luminance).
+fn noise(lit: &Lit, gathered: &Gathered) -> f64 {
+    let (mut squares, mut sum, mut whole) = (0.0, 0.0, 0.0);
+    for ((e, difference), area) in gathered.irradiance.iter().zip(&gathered.difference).zip(&lit.exposure.area) {
+        let area = f64::from(*area);
+        squares += f64::from(luminance(*difference)).powi(2) * area;
+        sum += f64::from(luminance(*e)) * area;
+        whole += area;
+    }
+    if sum > 0.0 { (squares / whole).sqrt() / (sum / whole) } else { 0.0 }
+}
