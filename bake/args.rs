@@ -393,6 +393,11 @@ pub struct ResultArgs {
     /// time, once, twice, ... before it arrives), error (the estimated standard error)
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["direct", "indirect", "bounces", "error"]))]
     pub layers: Option<Vec<String>>,
+    /// Where light comes from, as layers of the pages, for materials with normal maps; sh: spherical harmonics to order 1,
+    /// value(n) = sh0 + sh1x n.x + sh1y n.y + sh1z n.z by channel; dominant: one mean direction, as long as light agrees on it;
+    /// n in world space, Y up [default: off]
+    #[arg(long, value_name = "FORM", value_parser = PossibleValuesParser::new(["off", "sh", "dominant"]))]
+    pub directional: Option<String>,
     /// 32-bit float pages in place of 16-bit half [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub float: Option<bool>,

@@ -51,7 +51,7 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
         gltf::write(path, baked, *profile)
     };
     let (of_pages, (of_glbs, of_layer)) = rayon::join(
-        || write_pages(baked, &pages, settings.float, progress),
+        || write_pages(baked, &pages, settings, progress),
         || {
             rayon::join(
                 || glbs.par_iter().map(write_glb).collect::<Result<Vec<Warnings>>>(),
@@ -65,17 +65,22 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
 }
 
 /// Writes the pages to `paths`, one after the other: a page is held once more while it is written.
-fn write_pages(baked: &Baked, paths: &[PathBuf], float: bool, progress: &dyn Progress) -> Result<Warnings> {
+fn write_pages(baked: &Baked, paths: &[PathBuf], settings: &Settings, progress: &dyn Progress) -> Result<Warnings> {
     let mut warnings = Warnings::default();
     let Some(lightmap) = baked.lightmap else { return Ok(warnings) };
     let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     for (number, (page, path)) in lightmap.pages.iter().zip(paths).enumerate() {
         progress.check()?;
-        let header =
-            PageHeader { quantity: baked.quantity, page: number as u32, density: baked.atlas.density, scene: &scene };
+        let header = PageHeader {
+            quantity: baked.quantity,
+            page: number as u32,
+            density: baked.atlas.density,
+            scene: &scene,
+            directional: settings.directional,
+        };
         let layers: Vec<(&str, &[Rgb])> =
             lightmap.layers.iter().map(|l| (l.name.as_str(), l.pages[number].as_slice())).collect();
-        let clamped = write_page(path, page, &layers, &header, float)?;
+        let clamped = write_page(path, page, &layers, &header, settings.float)?;
         if clamped > 0 {
             let uri = &baked.page_uris[number];
             warnings.add(format!("{uri} ({clamped} texels)"), "too bright for half floats; bake with --float");

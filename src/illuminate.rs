@@ -2,16 +2,17 @@
 //! rasterize, trace, post.
 
 use crate::Result;
-use crate::blocks::{Exchanged, exchange};
+use crate::blocks::{Exchanged, exchange, shown_normals};
 use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
-use crate::light::{Direct, Lights, Lit, direct};
+use crate::light::{Direct, Lights, Lit, direct, incident};
+use crate::moments::Moments;
 use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
-use crate::post::{Lightmap, dilate::finish, layers::layers};
+use crate::post::{Directional, Lightmap, dilate::finish, directional::directional, layers::layers};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
 use crate::scene::Scene;
@@ -88,6 +89,13 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     };
     let mut lightmap = finish(&shown, &gathered.irradiance, settings.quantity);
     lightmap.layers = layers(&shown, &direct, &gathered, &settings.layers, settings.quantity);
+    if settings.directional != Directional::Off {
+        let moments = all_moments(&lit, &direct, &gathered, settings, progress)?;
+        let normals = shown_normals(&lit);
+        let normal = |i: usize| normals.as_ref().map_or(patches.normal[i], |n| n[i]);
+        let form = (settings.directional, settings.quantity);
+        lightmap.layers.extend(directional(&shown, &gathered.irradiance, &moments, &normal, form));
+    }
     let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered };
     let energy = balance(&bake, &lightmap, !settings.float);
     Ok(Illuminated {
@@ -103,6 +111,23 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lightmap,
         energy,
     })
+}
+
+/// Where all light of each patch comes from.
+fn all_moments(
+    lit: &Lit,
+    direct: &Direct,
+    gathered: &Gathered,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Vec<Moments>> {
+    if settings.method == Method::Path {
+        // Paths know where direct light comes from as well.
+        return Ok(gathered.moments.clone());
+    }
+    let mut moments = incident(lit, direct, progress)?;
+    moments.iter_mut().zip(&gathered.moments).for_each(|(sum, gathered)| *sum += *gathered);
+    Ok(moments)
 }
 
 /// The light of all texels, and how it was found.
@@ -183,6 +208,7 @@ fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progre
         standard_error: traced.standard_error,
         indirect,
         parts: Vec::new(),
+        moments: traced.moments,
         landed_share: traced.landed_share,
         noise,
         sky_inflow: glam::DVec3::ZERO,

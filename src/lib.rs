@@ -17,6 +17,7 @@ pub mod inspect;
 pub mod light;
 pub mod limits;
 pub mod load;
+pub mod moments;
 pub mod patch;
 pub mod pipeline;
 mod plane;

@@ -11,7 +11,7 @@ use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
-use crate::post::{LayerKind, Quantity};
+use crate::post::{Directional, LayerKind, Quantity};
 use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
@@ -65,6 +65,8 @@ pub struct Settings {
     pub method: Method,
     /// Parts of the light that pages hold as layers of their own.
     pub layers: Vec<LayerKind>,
+    /// What pages tell of the directions that light comes from, for materials with normal maps.
+    pub directional: Directional,
     /// 32-bit pages in place of half.
     pub float: bool,
     pub solver: Solver,
@@ -349,6 +351,7 @@ impl Settings {
             sky_ratio: SKY_RATIO,
             gather_samples: self.gather_samples(),
             shading_normals: self.normals == Normals::Shading,
+            moments: self.directional != Directional::Off,
             seed: self.seed,
         }
     }

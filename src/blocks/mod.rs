@@ -11,6 +11,7 @@ pub mod block;
 mod effort;
 mod field;
 pub mod guide;
+mod incident;
 pub mod link;
 pub mod reach;
 pub mod respond;
@@ -134,6 +135,7 @@ pub fn exchange(
     let radiosity = field.system().radiosity(&field.irradiance);
     let backs = field.backs(&radiosity);
     let responses = field.responses(&radiosity, &normal);
+    let moments = if lit.params.moments { incident::incident(&field, &radiosity) } else { Vec::new() };
     drop(radiosity);
     let exchanged = Exchanged {
         blocks: field.blocks.list.len(),
@@ -147,7 +149,7 @@ pub fn exchange(
     field.forget_links();
     let smoothed = smooth(&field.blocks, &field.around, responses);
     let gathered = show_all(&field, direct, smoothed, &normal);
-    Ok((Gathered { noise: left.noise, ..gathered }, backs, exchanged))
+    Ok((Gathered { noise: left.noise, moments, ..gathered }, backs, exchanged))
 }
 
 /// The exchange under way.
@@ -295,6 +297,7 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
         indirect: none(),
         sky: none(),
         parts: Vec::new(),
+        moments: Vec::new(),
         landed_share: vec![0.0; n],
         noise: 0.0,
         sky_inflow: DVec3::ZERO,
@@ -335,7 +338,7 @@ fn kept_means(field: &Field, responses: Vec<Response>, normal: &(dyn Fn(usize) -
 }
 
 /// The shading normal of every patch, at the middles of its pieces; `None` where irradiance is about the geometric one.
-fn shown_normals(lit: &Lit) -> Option<Vec<Vec3>> {
+pub fn shown_normals(lit: &Lit) -> Option<Vec<Vec3>> {
     let scene = lit.ground.scene;
     if !lit.params.shading_normals || scene.meshes.iter().all(|m| m.normals.is_empty()) {
         return None;

@@ -6,7 +6,7 @@
 
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::post::{PageImage, Quantity};
+use crate::post::{Directional, PageImage, Quantity};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
     LayerAttributes, LineOrder, Text, Vec2, WritableImage,
@@ -31,6 +31,8 @@ pub struct PageHeader<'a> {
     pub density: f32,
     /// File name of the scene, without folders; `lumel:scene`.
     pub scene: &'a str,
+    /// How the layers about directions are read; `lumel:directional`, absent where there are none.
+    pub directional: Directional,
 }
 
 /// Writes a page with the channels R, G, B and A (coverage, 0..=1), and `<layer>.R`, `.G` and `.B` for each of `layers`: half
@@ -60,7 +62,7 @@ pub fn write_page(
     channels.push(AnyChannel::new("A", samples(page.coverage.clone())));
     // UTF-8 as it stands: OpenEXR's own strings are bytes, and file names are UTF-8 nearly everywhere.
     let text = |s: &str| AttributeValue::Text(Text::from_slice_unchecked(s.as_bytes()));
-    let attributes = [
+    let mut attributes = vec![
         ("lumel:quantity", text(header.quantity.name())),
         ("lumel:unit", text(header.quantity.unit())),
         ("lumel:version", text(env!("CARGO_PKG_VERSION"))),
@@ -68,6 +70,7 @@ pub fn write_page(
         ("lumel:texelDensity", AttributeValue::F32(header.density)),
         ("lumel:scene", text(header.scene)),
     ];
+    attributes.extend(header.directional.formula().map(|formula| ("lumel:directional", text(formula))));
     write(path, page.width, page.height, channels, &attributes)?;
     Ok(clamped)
 }
