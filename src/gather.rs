@@ -24,9 +24,6 @@ use std::f32::consts::PI;
 /// Rays for the shares of elements' light that land, where no gather finds them.
 const MOST_PROBE_RAYS: u64 = 1 << 23;
 
-/// Rays flatter than this cosine count as if they had it for where light comes from: one in ten thousand.
-pub const LEAST_COS: f32 = 1e-2;
-
 /// How much the gather does.
 #[derive(Clone, Debug)]
 pub struct GatherParams {
@@ -264,7 +261,7 @@ impl Collected {
     /// Adds what came along a ray, which stands for so much irradiance [lx], at `cos` to the normal.
     fn add_direction(&mut self, irradiance: Rgb, direction: Vec3, cos: f32) {
         if let Some(moments) = &mut self.moments {
-            moments.receive(irradiance / cos.max(LEAST_COS), direction);
+            moments.receive(irradiance / cos.max(Moments::LEAST_COS), direction);
         }
     }
 

@@ -26,6 +26,9 @@ impl Moments {
     /// Numbers in all.
     pub const COUNT: usize = 12;
 
+    /// Cosine-distributed directions flatter than this count as if they had it: one in ten thousand, which would outweigh the others.
+    pub const LEAST_COS: f32 = 1e-2;
+
     /// Adds light that comes from the unit vector `towards`: radiance times solid angle [lx].
     #[inline]
     pub fn receive(&mut self, light: Rgb, towards: Vec3) {

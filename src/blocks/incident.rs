@@ -11,13 +11,13 @@ use super::respond::Grid;
 use super::show::read_between;
 use super::smooth::fit;
 use super::sweep::{Radiosity, System};
-use crate::color::luminance;
+use crate::color::{Rgb, luminance};
 use crate::light::direct::hemisphere_weight;
 use crate::moments::Moments;
 use crate::patch::NONE;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Blocks that a thread takes at once, at most.
 const SHARE: usize = 64;
@@ -106,30 +106,43 @@ fn find(system: &System, radiosity: &Radiosity, b: usize) -> (Incident, Row) {
 /// Moments that half `half` of the samples of block `b` finds over the hemispheres of `normals`.
 fn of_half(system: &System, radiosity: &Radiosity, b: usize, half: usize, normals: &[Vec3]) -> Vec<Moments> {
     let (found, lit) = (&system.sampled[b], system.lit);
+    let half = &found.halves[half];
     // One normal stands for all of a flat block, whatever lies below it by a little.
     let is_flat = normals.len() == 1;
     let mut sums = vec![Moments::default(); normals.len()];
-    let mut put = |light: glam::Vec3, direction: Vec3| {
+    let mut even = Moments::default();
+    let mut put = |radiance: Rgb, solid_angle: f32, direction: Vec3| {
         for (sum, normal) in sums.iter_mut().zip(normals) {
             if is_flat || normal.dot(direction) > 0.0 {
-                sum.receive(light, direction);
+                sum.receive(radiance * solid_angle, direction);
             }
         }
+        even.receive(Rgb::splat(solid_angle), direction);
     };
-    for (link, weight, tint) in found.halves[half].seen() {
+    for (link, weight, tint) in half.seen() {
         let direction = link.direction();
         let (_, solid_angle) = found.drawn.solid_angle(direction, weight);
-        put(radiosity.at(link.target()) * tint * (FRAC_1_PI * solid_angle), direction);
+        put(radiosity.at(link.target()) * tint * FRAC_1_PI, solid_angle, direction);
     }
-    if let Some(sky) = &lit.lights.sky {
-        for (link, weight, tint) in found.halves[half].sky_seen() {
-            let direction = link.direction();
-            let (cos, solid_angle) = found.drawn.solid_angle(direction, weight);
-            let share = hemisphere_weight(lit.lights, lit.params, direction, cos);
-            put(sky.radiance(lit.ground.scene, direction) * tint * (share * solid_angle), direction);
-        }
+    for (link, weight, tint) in half.sky_seen() {
+        let direction = link.direction();
+        let (cos, solid_angle) = found.drawn.solid_angle(direction, weight);
+        let radiance = lit.lights.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.radiance(lit.ground.scene, direction));
+        let share = hemisphere_weight(lit.lights, lit.params, direction, cos);
+        put(radiance * tint * share, solid_angle, direction);
+    }
+    if let ([sum], [normal], 0) = (&mut sums[..], normals, half.lost) {
+        evened(sum, &even, *normal);
     }
     sums
+}
+
+/// Takes out of `sum` what samples do to even light: the moments that they find of a radiance of 1 all round, `even`, are known. A control
+/// variate (Owen 2013, "Monte Carlo Theory, Methods and Examples", section 8.9) that leaves the noise of the differences to the mean
+/// radiance. The light about `normal` stays as it is.
+fn evened(sum: &mut Moments, even: &Moments, normal: Vec3) {
+    let missed = Moments::uniform(Rgb::splat(PI), normal) + *even * -1.0;
+    *sum += missed.times(sum.along(normal) * FRAC_1_PI);
 }
 
 /// Takes out the noise that neighbours tell, as [`super::smooth::smooth`] does from light.
@@ -170,7 +183,7 @@ fn smooth(blocks: &Blocks, around: &[Vec<u32>], found: Vec<(Incident, Row)>) -> 
 /// Squares (of luminances, over all moments) of what is left of a block's moments, and of its noise.
 fn squares(rest: &[f32; BOTH]) -> [f32; 2] {
     let square = |from: usize| -> f32 {
-        let rgb = |k: usize| glam::Vec3::new(rest[from + k], rest[from + k + 1], rest[from + k + 2]);
+        let rgb = |k: usize| Rgb::new(rest[from + k], rest[from + k + 1], rest[from + k + 2]);
         (0..Moments::COUNT).step_by(3).map(|k| luminance(rgb(k)).powi(2)).sum()
     };
     [square(0), square(Moments::COUNT)]

@@ -8,11 +8,11 @@
 //!
 //! Cost: about that of direct light without its close looks; none where it isn't asked for.
 
+use super::Lit;
 use super::direct::{BLOCK_LEVEL, Direct, GRAIN, MOST_ARRIVING, SHARE, at_block, hemisphere_weight};
 use super::emitter::{Emitter, Shot, Sight, Way};
 use super::receiver::{Evenness, Receiver, Site};
 use super::shadow::{Look, Volley, examine};
-use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::contour::light_vector;
@@ -25,9 +25,6 @@ use rayon::prelude::*;
 
 /// Directions towards a sky's picture, and through each portal, that a patch looks along.
 const SKY_SAMPLES: u32 = 64;
-
-/// Estimates are scaled to what arrives by this factor at most: beyond, they say little about it.
-const MOST_SCALE: f32 = 4.0;
 
 /// Moments of a white light of some strength about a receiver, and its irradiance of the same strength.
 #[derive(Clone, Copy, Debug, Default)]
@@ -69,7 +66,7 @@ pub fn incident(lit: &Lit, direct: &Direct, progress: &dyn Progress) -> Result<V
 /// `moments` so that the vector along `normal` is `irradiance`; uniform over the hemisphere where they say nothing of a channel.
 fn scaled_to(moments: &Moments, irradiance: Rgb, normal: Vec3) -> Moments {
     let found = moments.along(normal);
-    let known = found.cmpgt(Rgb::ZERO) & (found * MOST_SCALE).cmpge(irradiance);
+    let known = found.cmpgt(Rgb::ZERO) & irradiance.cmpgt(Rgb::ZERO);
     let factor = Rgb::select(known, irradiance / found, Rgb::ZERO);
     moments.times(factor) + Moments::uniform(Rgb::select(known, Rgb::ZERO, irradiance), normal)
 }
@@ -174,7 +171,7 @@ fn from_sky(sight: &Sight, receiver: &Receiver, sum: &mut Moments) {
         if cos > 0.0 {
             let share = 1.0 - hemisphere_weight(lights, params, towards, cos);
             let light = sky.radiance(scene, towards) * (share / (pdf * SKY_SAMPLES as f32));
-            sum.receive(light * passing(sight, lights, &point, towards, None), towards);
+            sum.receive(light * passing(sight, &point, towards, None), towards);
         }
     }
 }
@@ -190,15 +187,15 @@ fn through_portals(sight: &Sight, receiver: &Receiver, sum: &mut Moments) {
                 // Half of the samples go either way: twice the light of each.
                 let radiance = drawn.sky.radiance(sight.scene, drawn.towards);
                 let light = radiance * (2.0 * drawn.weight / SKY_SAMPLES as f32);
-                sum.receive(light * passing(sight, sight.lights, &point, drawn.towards, portal.shade()), drawn.towards);
+                sum.receive(light * passing(sight, &point, drawn.towards, portal.shade()), drawn.towards);
             }
         }
     }
 }
 
 /// What gets through from the sky along `towards`.
-fn passing(sight: &Sight, lights: &Lights, point: &SurfacePoint, towards: Vec3, shade: Option<u16>) -> Rgb {
-    let Some(tracer) = lights.tracer(sight.tracer, shade) else { return Rgb::ONE };
+fn passing(sight: &Sight, point: &SurfacePoint, towards: Vec3, shade: Option<u16>) -> Rgb {
+    let Some(tracer) = sight.lights.tracer(sight.tracer, shade) else { return Rgb::ONE };
     let origin = sight.tracer.off_surface(point.position, point.normal);
     let mut passing = [Rgb::ZERO];
     tracer.transmittance_of_rays(&[Ray { origin, direction: towards }], &mut passing);

@@ -13,10 +13,14 @@
 //! comes from one side, value(n) falls below 0 on the other, and is to be cut off there. Coefficients of radiance come back as
 //! `L_00 = sh0 / Y_0` and `L_1 = 3 / 2 sh1 / Y_1`, `Y_0 = sqrt(1 / (4 pi))`, `Y_1 = sqrt(3 / (4 pi))`, up to that factor.
 //!
-//! Single directions come out too flat: their cosine is cut off at order 1. Nearer to the truth there, and further off under even light,
-//! is the form that keeps the mean and the first moment and never falls below 0 (Sloan, Silvennoinen 2015 after Geomerics,
-//! "Reconstructing Diffuse Lighting from Spherical Harmonic Data"): with `r = |sh1| / (2 sh0)`, `q = (1 + n . sh1 / |sh1|) / 2`,
-//! `p = 1 + 2 r`, `a = (1 - r) / (1 + r)` it is `f(n) = sh0 (a + (1 - a) (p + 1) q^p)`, and `value(n) = page f(n) / f(n0)`.
+//! Single directions come out too flat: their cosine is cut off at order 1. Nearer to the truth, as soon as light comes more from one
+//! side than from the others, is the form that keeps the mean and the first moment and never falls below 0 (Joseph 2015, "Reconstructing
+//! Diffuse Lighting from Spherical Harmonic Data"; Sloan, Silvennoinen 2018, "Directional Lightmap Encoding Insights"): by channel with
+//! `r = |sh1| / (2 sh0)`, `q = (1 + n . sh1 / |sh1|) / 2`, `p = 1 + 2 r` and `a = (1 - r) / (1 + r)` it is
+//! `f(n) = sh0 (a + (1 - a) (p + 1) q^p)`, and `value(n) = page f(n) / f(n0)`.
+//!
+//! In a room with a lamp in its ceiling, values about normals tilted by 15, 30 and 45 degrees are off by 5, 8 and 9 % of the mean, in the
+//! second form by 3, 6 and 9 %; the page alone by 8, 14 and 31 % (root mean squares against paths).
 //!
 //! **`dominant`**: the mean direction that light comes from, over all channels by luminance: a vector whose length, 0..=1, says how much
 //! light agrees on it, 1 for a single direction, 1/2 for uniform light over the hemisphere. The same linear form with one direction

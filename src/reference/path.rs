@@ -19,9 +19,6 @@ use crate::trace::{Hit, Ray};
 use glam::{DVec3, Vec2, Vec3};
 use std::f32::consts::PI;
 
-/// Directions flatter than this cosine count as if they had it for where light comes from: one in ten thousand.
-const LEAST_COS: f32 = 1e-2;
-
 /// Reflections after which Russian roulette may end a path: before, most of the light is still to come.
 const ROULETTE_START: u32 = 3;
 
@@ -133,7 +130,7 @@ impl<'a> PathTracer<'a> {
             if direction.dot(path.point.normal) > 0.0 {
                 let origin = self.lit.ground.tracer.off_surface(path.point.position, path.point.normal);
                 if bounce == 0 {
-                    let inverse = path.point.shading.dot(direction).max(LEAST_COS).recip();
+                    let inverse = path.point.shading.dot(direction).max(Moments::LEAST_COS).recip();
                     path.first = (direction * inverse, inverse);
                 }
                 rays.push(Ray { origin, direction });

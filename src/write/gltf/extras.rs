@@ -64,6 +64,11 @@ pub fn write_asset(doc: &mut Document, baked: &Baked, vertex_scale: Option<f32>)
         lumel.insert("quantity".into(), quantity.name().into());
         lumel.insert("unit".into(), quantity.unit().into());
         lumel.insert("pages".into(), pages.into());
+        // What else the pages hold, such as the directions that light comes from.
+        let layers: Vec<&str> = baked.lightmap.iter().flat_map(|l| &l.layers).map(|l| l.name.as_str()).collect();
+        if !layers.is_empty() {
+            lumel.insert("layers".into(), layers.into());
+        }
         if let Some(scale) = vertex_scale {
             lumel.insert("vertexScale".into(), number(scale));
         }
