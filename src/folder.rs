@@ -3,13 +3,14 @@
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
+use crate::probe::LightProbes;
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
 use crate::write::exr::{PageHeader, write_page};
 use crate::write::output::Staging;
-use crate::write::{Baked, GltfProfile, gltf, usd};
+use crate::write::{self, Baked, GltfProfile, gltf, usd};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -87,6 +88,18 @@ fn write_pages(baked: &Baked, paths: &[PathBuf], settings: &Settings, progress: 
         }
     }
     Ok(warnings)
+}
+
+/// Writes the light probes, where there are any, into the staging folder.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write_probes(probes: &LightProbes, staging: &mut Staging) -> Result<()> {
+    if probes.list.is_empty() {
+        return Ok(());
+    }
+    let [json, exr] = write::probes::FILES;
+    write::probes::write(&staging.path(json)?, &staging.path(exr)?, probes)
 }
 
 /// Adds the report and moves everything into place.

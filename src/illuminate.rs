@@ -13,6 +13,7 @@ use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
 use crate::post::{Directional, Lightmap, dilate::finish, directional::directional, layers::layers};
+use crate::probe::{LightProbes, Surroundings, probes};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
 use crate::scene::Scene;
@@ -39,6 +40,7 @@ pub struct Illuminated {
     pub exchanged: Option<Exchanged>,
     pub lightmap: Lightmap,
     pub energy: EnergyBalance,
+    pub probes: LightProbes,
 }
 
 /// Finds the light of a scene in memory on the pages of `atlas`: everything between unwrapping and writing.
@@ -77,6 +79,13 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         (Method::Radiosity, _) => by_elements(&lit, elements(), settings, &dump, progress)?,
     };
 
+    let probes = match &settings.probes {
+        None => LightProbes::default(),
+        Some(_) => {
+            let around = Surroundings { lit: &lit, irradiance: &gathered.irradiance, backs: &backs };
+            probes(&around, &settings.probe_params(scene)?, progress)?
+        }
+    };
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
     let looks = match scene.surfaces.iter().all(|s| s.role.casts) {
@@ -110,6 +119,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         exchanged,
         lightmap,
         energy,
+        probes,
     })
 }
 

@@ -22,6 +22,7 @@ pub mod patch;
 pub mod pipeline;
 mod plane;
 pub mod post;
+pub mod probe;
 pub mod progress;
 pub mod reference;
 pub mod report;

@@ -4,15 +4,19 @@ mod bytes;
 mod check;
 mod outdoors;
 mod percent;
+mod probes;
 
 pub use outdoors::{ProjectorSetting, SkySetting};
+pub use probes::{ProbeSet, ProbeSetting};
 
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
 use crate::post::{Directional, LayerKind, Quantity};
+use crate::probe::ProbeParams;
 use crate::reference::{PathParams, Strategy};
+use crate::scene::Scene;
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
@@ -67,6 +71,8 @@ pub struct Settings {
     pub layers: Vec<LayerKind>,
     /// What pages tell of the directions that light comes from, for materials with normal maps.
     pub directional: Directional,
+    /// Light probes, for objects without a lightmap.
+    pub probes: Option<ProbeSetting>,
     /// 32-bit pages in place of half.
     pub float: bool,
     pub solver: Solver,
@@ -273,6 +279,16 @@ impl Quality {
         }
     }
 
+    /// Rays of a light probe.
+    fn probe_rays(self) -> u32 {
+        match self {
+            Self::Draft => 384,
+            Self::Medium => 1536,
+            Self::High => 3072,
+            Self::Production => 12288,
+        }
+    }
+
     /// Form factors for themselves: elements, relative standard error, rays that probe each element, hemicubes on each.
     fn view_factors(self) -> (usize, f32, u32, u32) {
         match self {
@@ -457,6 +473,15 @@ impl Settings {
     /// The final gather's parameters.
     pub fn gather_params(&self) -> GatherParams {
         GatherParams { samples: self.gather_samples() }
+    }
+
+    /// The probes of `scene`; none where none are asked for.
+    ///
+    /// # Errors
+    /// `Invalid` where there would be too many.
+    pub fn probe_params(&self, scene: &Scene) -> crate::Result<ProbeParams> {
+        let sets = self.probes.as_ref().map_or(Ok(Vec::new()), |probes| probes.placements(scene))?;
+        Ok(ProbeParams { sets, rays: self.quality.probe_rays(), seed: self.seed })
     }
 
     /// The path tracer's parameters.

@@ -28,6 +28,7 @@ pub enum Stage {
     Block,
     BlockArea,
     Back,
+    LightProbe,
 }
 
 impl Sequence {

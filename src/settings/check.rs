@@ -59,6 +59,7 @@ impl Settings {
             return Err(Error::invalid("sky", "is given together with environment; leave one out"));
         }
         self.edits().check()?;
+        self.probes.as_ref().map_or(Ok(()), |probes| probes.check())?;
         super::outdoors::check(self.sky, self.sun, &self.projectors)
     }
 
