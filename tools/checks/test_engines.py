@@ -5,33 +5,48 @@ import re
 
 import numpy as np
 import pytest
-from baked import bevy, camera, display
+from baked import bevy, camera, display, triangles
 from baked.compare import blurred
 from baked.gltf import Document
 from baked.pages import read_page
+from baked.raycast import Caster
 from conftest import SAMPLES
 
 SIZE, SAMPLES_A_SIDE = 160, 4
 SCENE = SAMPLES / "cornell_box" / "cornell_box.glb"
 RESOLUTION = ("--resolution", "256")
-# Radiance above which a pixel shows the lamp [nit].
-LAMP = 2.0
 
 
-def differences(test: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Relative differences by pixel and channel, after a blur of 3 x 3, where light of that channel is seen and no lamp is near."""
+def walls(glb) -> np.ndarray:
+    """The flat face that each pixel shows alone, with a margin of two pixels, by number; -1: several of them, a lamp, or none."""
+    scene = triangles.load(glb)
+    origin, direction = camera.from_gltf(glb).rays(SIZE, SIZE, 2)
+    triangle, _ = Caster(scene).closest(origin, direction)
+    normal = scene.normals()
+    faces = np.column_stack([scene.node, np.round(normal / np.linalg.norm(normal, axis=1, keepdims=True), 3)])
+    number = np.unique(faces, axis=0, return_inverse=True)[1].ravel()
+    number[[scene.looks[k].emission.max() > 0 for k in scene.look]] = -1
+    shown = np.where(triangle >= 0, number[triangle], -1).reshape(SIZE, SIZE, 4)
+    around = np.pad(shown, ((2, 2), (2, 2), (0, 0)), mode="edge")
+    parts = np.concatenate([around[j : j + SIZE, i : i + SIZE] for j in range(5) for i in range(5)], axis=2)
+    return np.where((parts == parts[..., :1]).all(2), parts[..., 0], -1)
+
+
+def agree(test: np.ndarray, reference: np.ndarray, wall: np.ndarray) -> dict:
+    """Each wall reads the same, channel by channel: within 1 % on average, and within 3 % at 99 of 100 pixels after a blur of 3 x 3."""
     assert test.shape == reference.shape
-    near_lamp = blurred((reference.max(2) > LAMP).astype(float)[..., None], 2)[..., 0] > 0
     a, b = blurred(test), blurred(reference)
-    lit = ~near_lamp[..., None] & (b > 0.02 * b.mean())
-    assert lit.mean() > 0.5
-    return (a / np.where(lit, b, 1) - 1)[lit]
-
-
-def agree(test: np.ndarray, reference: np.ndarray) -> dict[str, float]:
-    d = differences(test, reference)
-    found = {"bias": float(np.mean(d)), "p99": float(np.percentile(np.abs(d), 99))}
-    assert abs(found["bias"]) < 0.005 and found["p99"] < 0.02, found
+    found = {}
+    for k in np.unique(wall[wall >= 0]):
+        at = wall == k
+        lit = b[at].mean(0) > 0.02 * b.mean()
+        if at.sum() < 50 or not lit.any():
+            continue
+        mean = np.abs(test[at].mean(0) / reference[at].mean(0) - 1)[lit].max()
+        p99 = np.percentile(np.abs(a[at] / b[at] - 1)[:, lit], 99)
+        found[int(k)] = (round(float(mean), 5), round(float(p99), 5))
+    assert len(found) >= 6, found
+    assert max(mean for mean, _ in found.values()) < 0.01 and max(p99 for _, p99 in found.values()) < 0.03, found
     return found
 
 
@@ -51,20 +66,21 @@ def test_three_shows_the_wall_that_blender_shows(bake, three, in_blender, pictur
     shown = three(done.glb, SIZE, SIZE, SAMPLES_A_SIDE)
     exposure = display.write_png(pictures / "engines_three.png", shown, None)
     display.write_png(pictures / "engines_blender.png", in_blender, exposure)
-    print(agree(shown, in_blender))
+    print(agree(shown, in_blender, walls(done.glb)))
 
 
 def test_standard_materials_lose_what_their_coat_reflects(bake, three, in_blender):
     """What the note says of MeshStandardMaterial: a few percent less, and no more."""
     done = bake(SCENE, *RESOLUTION, "--for", "three")
-    lost = -np.mean(differences(three(done.glb, SIZE, SIZE, SAMPLES_A_SIDE, material="standard"), in_blender))
+    seen = walls(done.glb) >= 0
+    lost = 1 - three(done.glb, SIZE, SIZE, SAMPLES_A_SIDE, material="standard")[seen].mean() / in_blender[seen].mean()
     assert 0.01 < lost < 0.05, lost
 
 
 @pytest.mark.parametrize("encoding", ["hdr", "ktx2-half"])
 def test_other_forms_show_the_same_wall(encoding, bake, three, in_blender):
     done = bake(SCENE, *RESOLUTION, "--encoding", "exr,hdr,ktx2-half")
-    print(agree(three(done.glb, SIZE, SIZE, SAMPLES_A_SIDE, encoding=encoding), in_blender))
+    print(agree(three(done.glb, SIZE, SIZE, SAMPLES_A_SIDE, encoding=encoding), in_blender, walls(done.glb)))
 
 
 def test_bevy_computes_the_wall_that_blender_shows(bake, in_blender, pictures):
@@ -74,7 +90,7 @@ def test_bevy_computes_the_wall_that_blender_shows(bake, in_blender, pictures):
     exposure = float(re.search(r"lightmap_exposure = ([\d.]+)", note)[1])
     shown = bevy.picture(done.glb, camera.from_gltf(done.glb), SIZE, SIZE, SAMPLES_A_SIDE, exposure)
     display.write_png(pictures / "engines_bevy.png", shown, None)
-    print(agree(shown, in_blender))
+    print(agree(shown, in_blender, walls(done.glb)))
 
 
 @pytest.mark.parametrize("engine", ["bevy", "godot", "unity", "unreal", "three", "playcanvas", "babylon", "blender", "needle", "hubs"])

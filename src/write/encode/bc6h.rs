@@ -25,7 +25,7 @@ pub fn encode(page: &PageImage) -> Vec<u8> {
             texel.copy_from_slice(&[half(color.x), half(color.y), half(color.z), f16::ONE]);
         }
         let width = (columns * SIDE) as u32;
-        let variant = CompressionVariant::BC6H(BC6HSettings::slow());
+        let variant = CompressionVariant::BC6H(BC6HSettings::basic());
         compress_rgba16(variant, &texels, blocks, width, SIDE as u32, width * 4);
     });
     blocks

@@ -48,7 +48,7 @@ impl Format {
     fn vulkan(self) -> u32 {
         match self {
             Self::Rgba16Float => 97,
-            Self::Bc6hUfloat => 131,
+            Self::Bc6hUfloat => 143,
         }
     }
 
