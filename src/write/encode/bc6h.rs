@@ -1,5 +1,5 @@
-//! BC6H (unsigned half floats in blocks of 4 x 4, Direct3D 11 functional specification, section 19.5.12), by a port of Intel's
-//! ISPC texture compressor.
+//! BC6H (unsigned half floats in blocks of 4 x 4, Direct3D 11 functional specification, section 19.5.12), by a port of
+//! Intel's ISPC texture compressor.
 
 use super::half;
 use crate::post::PageImage;

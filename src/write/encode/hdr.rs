@@ -1,8 +1,9 @@
-//! Radiance HDR: RGBE texels in run-length encoded scan lines (Ward, *Real Pixels*, Graphics Gems II, 1991; Radiance's `color.c`).
+//! Radiance HDR: RGBE texels in run-length encoded scan lines (Ward, *Real Pixels*, Graphics Gems II, 1991; Radiance's
+//! `color.c`).
 //!
 //! A texel is (R, G, B) 2^(E - 136): mantissas are rounded to the nearest, so that readers that take them as they are
-//! (stb_image, Bevy, Blender) see no bias. Radiance itself adds half a step, 0.2 % on average, and three.js divides by 255 in
-//! place of 256, which is 0.4 %.
+//! (stb_image, Bevy, Blender) see no bias. Radiance itself adds half a step, 0.2 % on average, and three.js divides by
+//! 255 in place of 256, which is 0.4 %.
 
 use crate::color::Rgb;
 use crate::post::PageImage;

@@ -1,9 +1,9 @@
-//! KTX 2.0 files of one two-dimensional picture (Khronos, *KTX File Format Specification*, version 2.0), with the basic data format
-//! descriptor that its format demands (Khronos, *Data Format Specification*, version 1.3, section 5).
+//! KTX 2.0 files of one two-dimensional picture (Khronos, *KTX File Format Specification*, version 2.0), with the basic
+//! data format descriptor that its format demands (Khronos, *Data Format Specification*, version 1.3, section 5).
 //!
-//! A file is: identifier, header, index of sections, index of levels, descriptor, key/value data, then the levels, the smallest
-//! one first, each at a multiple of the texel block's size. Rows go down and no supercompression is used, so that a level can be
-//! handed to a graphics processor as it stands.
+//! A file is: identifier, header, index of sections, index of levels, descriptor, key/value data, then the levels, the
+//! smallest one first, each at a multiple of the texel block's size. Rows go down and no supercompression is used, so
+//! that a level can be handed to a graphics processor as it stands.
 
 /// The first bytes of any KTX 2 file (section 3.1).
 const IDENTIFIER: [u8; 12] = [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', 0xBB, b'\r', b'\n', 0x1A, b'\n'];
@@ -35,7 +35,8 @@ pub struct Level {
     pub bytes: Vec<u8>,
 }
 
-/// A sample of the data format descriptor: first bit, number of bits, channel with its qualifiers, least and greatest value.
+/// A sample of the data format descriptor: first bit, number of bits, channel with its qualifiers, least and greatest
+/// value.
 struct Sample {
     offset: u32,
     bits: u32,
@@ -124,8 +125,8 @@ pub fn level_size(format: Format, [width, height]: [u32; 2]) -> usize {
     width.div_ceil(side) as usize * height.div_ceil(side) as usize * bytes
 }
 
-/// The bytes of a file whose level 0 is `size` texels; each further level is half as large, rounded down. `own` are keys and values
-/// beside the orientation and the writer, sorted by key, after `KTXwriter`.
+/// The bytes of a file whose level 0 is `size` texels; each further level is half as large, rounded down. `own` are
+/// keys and values beside the orientation and the writer, sorted by key, after `KTXwriter`.
 ///
 /// # Panics
 /// Where there is no level, or one of them has another size than its format demands.
@@ -168,7 +169,8 @@ pub fn file(format: Format, size: [u32; 2], levels: &[Level], own: &[(&str, &str
     file
 }
 
-/// Keys and values as the file has them (section 3.10): length, key and value with a zero behind each, padded to 4 bytes.
+/// Keys and values as the file has them (section 3.10): length, key and value with a zero behind each, padded to 4
+/// bytes.
 fn key_values(own: &[(&str, &str)]) -> Vec<u8> {
     let standard = [("KTXorientation", "rd"), ("KTXwriter", concat!("Lumel ", env!("CARGO_PKG_VERSION")))];
     let mut bytes = Vec::new();

@@ -1,9 +1,10 @@
-//! Mip levels of a page: each texel is the mean of the up to 2 x 2 (3 where a side is odd) below it, weighted by coverage.
+//! Mip levels of a page: each texel is the mean of the up to 2 x 2 (3 where a side is odd) below it, weighted by
+//! coverage.
 //!
-//! Weights keep charts' own light: a texel that is half of a chart and half of a gutter is that of the chart. Where no surface lies,
-//! gutters that dilation filled count among themselves, so that charts don't fade to black at their borders. Charts closer than
-//! two texels of a level share texels there: an engine that shows coarse levels from afar wants a padding to match (4 texels for
-//! one level, 8 for two).
+//! Weights keep charts' own light: a texel that is half of a chart and half of a gutter is that of the chart. Where no
+//! surface lies, gutters that dilation filled count among themselves, so that charts don't fade to black at their
+//! borders. Charts closer than two texels of a level share texels there: an engine that shows coarse levels from afar
+//! wants a padding to match (4 texels for one level, 8 for two).
 
 use crate::color::Rgb;
 use crate::post::PageImage;

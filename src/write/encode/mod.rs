@@ -1,5 +1,5 @@
-//! Pages in forms that engines load, beside OpenEXR: Radiance HDR, 8-bit PNG with a shared multiplier (RGBM, RGBD), and KTX2 with
-//! half floats or BC6H blocks.
+//! Pages in forms that engines load, beside OpenEXR: Radiance HDR, 8-bit PNG with a shared multiplier (RGBM, RGBD), and
+//! KTX2 with half floats or BC6H blocks.
 //!
 //! | name | file | a texel's value | largest | error of a texel's brightest channel |
 //! |---|---|---|---|---|
@@ -11,11 +11,11 @@
 //! | `ktx2-half` | `.half.ktx2` | as it stands, half float | 65504 | 0.05 % |
 //! | `ktx2-bc6h` | `.bc6h.ktx2` | as it stands, in blocks of 4 x 4 | 65504 | 2 % where light changes in a block, 0.4 % elsewhere |
 //!
-//! The largest values are those at scale 1. The 8-bit forms have one *scale* for all pages of a bake, a power of two, so that an
-//! engine needs one number: it is 1 unless a bake is too bright for the form, or so dark that it would lose its steps
-//! ([`multiplier`]). Values are rounded to the nearest step and not dithered: a step of the 8-bit forms is below 1 %, which is about
-//! where an eye begins to see one, and noise in a multiplier would be magnified by filtering. Alpha is the multiplier in the
-//! 8-bit forms, coverage in `exr` and `ktx2-half`, and absent in the others.
+//! The largest values are those at scale 1. The 8-bit forms have one *scale* for all pages of a bake, a power of two,
+//! so that an engine needs one number: it is 1 unless a bake is too bright for the form, or so dark that it would lose
+//! its steps ([`multiplier`]). Values are rounded to the nearest step and not dithered: a step of the 8-bit forms is
+//! below 1 %, which is about where an eye begins to see one, and noise in a multiplier would be magnified by filtering.
+//! Alpha is the multiplier in the 8-bit forms, coverage in `exr` and `ktx2-half`, and absent in the others.
 
 mod bc6h;
 pub mod hdr;
@@ -109,8 +109,8 @@ impl Encoding {
         }
     }
 
-    /// The number that decoded texels are multiplied by: a power of two for the 8-bit forms, so that `largest`, the largest value
-    /// of any channel of any page, can be held; 1 for the others.
+    /// The number that decoded texels are multiplied by: a power of two for the 8-bit forms, so that `largest`, the
+    /// largest value of any channel of any page, can be held; 1 for the others.
     pub fn scale(self, largest: f32) -> f32 {
         self.curve().map_or(1.0, |curve| multiplier::scale(curve, largest))
     }
@@ -136,11 +136,12 @@ pub struct Header {
     pub mips: bool,
 }
 
-/// Writes a page in a form other than OpenEXR. Returns how many texels had a value that the form can't hold: too bright, below
-/// zero, or not a number; they are written as the closest that it can.
+/// Writes a page in a form other than OpenEXR. Returns how many texels had a value that the form can't hold: too
+/// bright, below zero, or not a number; they are written as the closest that it can.
 ///
 /// # Errors
-/// `Invalid` where the image's size and data disagree or the form can't hold its size, `Io` where the file can't be written.
+/// `Invalid` where the image's size and data disagree or the form can't hold its size, `Io` where the file can't be
+/// written.
 ///
 /// # Panics
 /// With [`Encoding::Exr`], which [`super::exr::write_page`] writes.

@@ -1,4 +1,5 @@
-//! Eight bits a channel with a multiplier in alpha: what graphics processors without float textures filter, and PNG holds.
+//! Eight bits a channel with a multiplier in alpha: what graphics processors without float textures filter, and PNG
+//! holds.
 //!
 //! The three curves are those of the engines that read them:
 //!
@@ -8,8 +9,8 @@
 //! | [`Curve::Srgb`] | linear(8 A RGB), sRGB's curve also above 1 | Needle Engine, `engine_lightdata.ts` |
 //! | [`Curve::Divisor`] | RGB^2.2 / A | Babylon.js, shader include `helperFunctions`, `fromRGBD` |
 //!
-//! A is the least step that can hold the texel's brightest channel, so that RGB use their range: neighbours of like brightness
-//! have like A, and filtering both channels apart does no harm.
+//! A is the least step that can hold the texel's brightest channel, so that RGB use their range: neighbours of like
+//! brightness have like A, and filtering both channels apart does no harm.
 
 use crate::color::Rgb;
 use crate::post::PageImage;
@@ -18,7 +19,8 @@ use image::{ExtendedColorType, ImageEncoder, ImageError, codecs::png::PngEncoder
 /// The multiplier's range in the curves that have one.
 const RANGE: f32 = 8.0;
 
-/// A scale stays 1 while the largest value is at least this share of the curve's: below, the multiplier has too few steps left.
+/// A scale stays 1 while the largest value is at least this share of the curve's: below, the multiplier has too few
+/// steps left.
 const LEAST_SHARE: f32 = 1.0 / 64.0;
 
 /// How texels decode.

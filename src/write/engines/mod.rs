@@ -1,8 +1,8 @@
-//! Engines that a bake goes into, and what each of them does with a page: which quantity it multiplies the albedo by, which files it
-//! reads, and which way its v runs. A note beside the result says how to load it ([`note`]).
+//! Engines that a bake goes into, and what each of them does with a page: which quantity it multiplies the albedo by,
+//! which files it reads, and which way its v runs. A note beside the result says how to load it ([`note`]).
 //!
-//! What leaves a diffuse wall is L = albedo * E / pi. An engine whose shader multiplies a texel by the albedo alone wants E / pi, one
-//! whose shader divides by pi as well wants E:
+//! What leaves a diffuse wall is L = albedo * E / pi. An engine whose shader multiplies a texel by the albedo alone
+//! wants E / pi, one whose shader divides by pi as well wants E:
 //!
 //! | engine | what its shader does with the texel | read in |
 //! |---|---|---|
@@ -142,8 +142,8 @@ impl Engine {
         }
     }
 
-    /// What texels of `quantity` must be multiplied by in this engine's own lightmap slot, for walls to show albedo * E / pi;
-    /// none for radiosity, which holds the albedo already.
+    /// What texels of `quantity` must be multiplied by in this engine's own lightmap slot, for walls to show albedo * E
+    /// / pi; none for radiosity, which holds the albedo already.
     pub fn intensity(self, quantity: Quantity) -> Option<f32> {
         let radiance = match quantity {
             Quantity::Outgoing => 1.0,

@@ -6,11 +6,11 @@
 //! | `MX_lightmap` (Third Room) | nodes: `lightMapTexture`, `scale`, `offset`, `intensity` | PNG with a multiplier | of the mesh | by the viewer |
 //! | `NEEDLE_lightmaps` (Needle Engine) | the root: `textures` of `type` 0, `index`, `pointer`; nodes: a `MeshRenderer` with `lightmapIndex` and `lightmapScaleOffset`, v up | PNG with a multiplier and sRGB's curve | of the mesh | RGBM of the engine |
 //!
-//! NEEDLE_lightmaps was read in the engine's package (`NEEDLE_lightmaps.ts`, `RendererLightmap.ts`, version 4.16); MOZ_lightmap and
-//! MX_lightmap follow their vendors' descriptions and were not tried in a viewer.
+//! NEEDLE_lightmaps was read in the engine's package (`NEEDLE_lightmaps.ts`, `RendererLightmap.ts`, version 4.16);
+//! MOZ_lightmap and MX_lightmap follow their vendors' descriptions and were not tried in a viewer.
 //!
-//! MOZ_lightmap knows no rectangle, so meshes get UVs of the page, one mesh a node, and a material that surfaces on several pages share
-//! becomes one for each page.
+//! MOZ_lightmap knows no rectangle, so meshes get UVs of the page, one mesh a node, and a material that surfaces on
+//! several pages share becomes one for each page.
 
 use super::document::{Document, Object, index, number, numbers};
 use super::primitive::{material_indices, primitive_json, primitive_json_mut};
@@ -216,7 +216,8 @@ fn write_moz(doc: &mut Document, placed: Vec<Placed>, textures: &[usize], intens
     split_materials(doc, &pages, textures, intensity)
 }
 
-/// Turns the lightmap UVs of a mesh into those of the page; returns their set, which is another where a texture reads the first.
+/// Turns the lightmap UVs of a mesh into those of the page; returns their set, which is another where a texture reads
+/// the first.
 fn write_page_uvs(doc: &mut Document, mesh: usize, p: &Placed) -> Result<usize> {
     let primitives: Vec<usize> = (0..primitive_count(doc, mesh)?).collect();
     let set_name = format!("TEXCOORD_{}", p.tex_coord);
@@ -261,7 +262,8 @@ fn primitive_count(doc: &Document, mesh: usize) -> Result<usize> {
     Ok(doc.item("meshes", mesh)?.get("primitives").and_then(Value::as_array).map_or(0, Vec::len))
 }
 
-/// Gives every material of the meshes in `pages` (mesh to page and UV set) its page: a material of its own for each use that differs.
+/// Gives every material of the meshes in `pages` (mesh to page and UV set) its page: a material of its own for each use
+/// that differs.
 fn split_materials(
     doc: &mut Document,
     pages: &BTreeMap<usize, (usize, usize)>,
@@ -289,7 +291,8 @@ fn split_materials(
             let lightmap = json!({ "index": textures[page], "texCoord": set, "intensity": number(intensity) });
             extensions(&mut object).insert(MOZ.into(), lightmap);
             doc.use_extension(MOZ);
-            // The first of several uses keeps the material's place, unless something without a lightmap needs it as it was.
+            // The first of several uses keeps the material's place, unless something without a lightmap needs it as it
+            // was.
             let first = material.filter(|m| uses.get(m).and_then(|u| u.first()) == Some(&Some((page, set))));
             let place = match first {
                 Some(place) => {
