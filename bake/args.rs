@@ -431,6 +431,16 @@ pub struct ResultArgs {
     /// Mip levels in KTX2 pages; give a --padding to match, 4 for one level, 8 for two [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub mips: Option<bool>,
+    /// Where light comes from, as layers of the pages, for materials with normal maps; sh: spherical harmonics to order 1,
+    /// value(n) = sh0 + sh1x n.x + sh1y n.y + sh1z n.z by channel; dominant: one mean direction, as long as light agrees on it;
+    /// n in world space, Y up [default: off]
+    #[arg(long, value_name = "FORM", value_parser = PossibleValuesParser::new(["off", "sh", "dominant"]))]
+    pub directional: Option<String>,
+    /// Light probes over the scene, so far apart at most: spherical harmonics to order 2 of the light that passes through each, for
+    /// objects without a lightmap, in probes.json and probes.exr; positions and boxes are given as [[probes]] in a lumel.toml
+    /// [m; 0.001..1000000]
+    #[arg(long, value_name = "SPACING")]
+    pub probes: Option<f32>,
     /// 32-bit float pages in place of 16-bit half [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub float: Option<bool>,

@@ -20,6 +20,32 @@ pub fn point_to_polygon(position: Vec3, normal: Vec3, corners: &[Vec3]) -> f32 {
     ((sum / std::f64::consts::TAU).abs() as f32).min(1.0)
 }
 
+/// The light vector `integral of w dw` [sr] at `position` of the part of the planar polygon `corners` above the horizon of `normal` (unit)
+/// where it has a radiance of 1 (Lambert 1760: pi times the form factor is its part along the normal), and the solid angle [sr] of that
+/// part (Van Oosterom, Strackee 1983).
+pub fn light_vector(position: Vec3, normal: Vec3, corners: &[Vec3]) -> (Vec3, f32) {
+    let clipped = above_horizon(position, normal, corners);
+    let [first, rest @ ..] = clipped.corners() else { return (Vec3::ZERO, 0.0) };
+    let mut vector = DVec3::ZERO;
+    for (k, corner) in clipped.corners().iter().enumerate() {
+        let next = clipped.corners()[(k + 1) % clipped.corners().len()];
+        vector += edge_vector(corner.as_dvec3(), next.as_dvec3());
+    }
+    let vector = 0.5 * vector.as_vec3();
+    let fan = rest.windows(2).map(|pair| solid_angle([*first, pair[0], pair[1]].map(Vec3::as_dvec3)));
+    let solid_angle = fan.sum::<f64>().abs() as f32;
+    (if vector.dot(normal) < 0.0 { -vector } else { vector }, solid_angle)
+}
+
+/// The signed solid angle of a triangle seen from the origin.
+fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
+    let lengths = [a, b, c].map(DVec3::length);
+    let across = a.dot(b.cross(c));
+    let along =
+        lengths[0] * lengths[1] * lengths[2] + a.dot(b) * lengths[2] + a.dot(c) * lengths[1] + b.dot(c) * lengths[0];
+    if across == 0.0 { 0.0 } else { 2.0 * across.atan2(along) }
+}
+
 /// As [`point_to_polygon`], in double precision and for any number of corners: for integrals over the point, whose error
 /// estimates would take single precision's rounding for detail.
 pub fn point_to_polygon_f64(position: DVec3, normal: DVec3, corners: &[DVec3]) -> f64 {
@@ -58,6 +84,13 @@ fn edge(p: DVec3, q: DVec3, normal: DVec3) -> f64 {
     let cross = p.cross(q);
     let length = cross.length();
     if length > 0.0 { length.atan2(p.dot(q)) / length * cross.dot(normal) } else { 0.0 }
+}
+
+/// The same before it is laid along a normal.
+fn edge_vector(p: DVec3, q: DVec3) -> DVec3 {
+    let cross = p.cross(q);
+    let length = cross.length();
+    if length > 0.0 { cross * (length.atan2(p.dot(q)) / length) } else { DVec3::ZERO }
 }
 
 /// The part of a polygon above a point's horizon.
@@ -122,6 +155,32 @@ mod tests {
         let single = point_to_polygon(position, normal, &corners);
         let double = point_to_polygon_f64(position.as_dvec3(), normal.as_dvec3(), &corners.map(Vec3::as_dvec3));
         assert!((f64::from(single) - double).abs() < 1e-6, "{single} against {double}");
+    }
+
+    #[test]
+    fn light_vector_is_that_of_sampled_directions() {
+        let corners = [Vec3::new(1., -1., -0.5), Vec3::new(1.5, 0.3, -1.), Vec3::new(0.2, 0.1, 1.)];
+        let (position, normal) = (Vec3::new(0.1, 0.0, 0.2), Vec3::new(0.1, 1.0, 0.2).normalize());
+        let (vector, angle) = light_vector(position, normal, &corners);
+        let (across, mut sum, mut whole) = ((corners[1] - corners[0]).cross(corners[2] - corners[0]), DVec3::ZERO, 0.0);
+        let side = 1000;
+        for (x, y) in (0..side).flat_map(|x| (0..side - x).map(move |y| (x, y))) {
+            // The centroids of both halves of each cell below the diagonal.
+            for third in [1.0f32, 2.0].into_iter().take(if x + y + 1 < side { 2 } else { 1 }) {
+                let [u, v] = [x, y].map(|k| (k as f32 + third / 3.0) / side as f32);
+                let way = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v - position;
+                if way.dot(normal) > 0.0 {
+                    let area = 0.5 * across.length() / (side * side) as f32;
+                    let solid = area * way.dot(across.normalize()).abs() / way.length().powi(3);
+                    sum += (way.normalize() * solid).as_dvec3();
+                    whole += f64::from(solid);
+                }
+            }
+        }
+        assert!((vector.as_dvec3() - sum).length() < 1e-3 * sum.length(), "{vector} against {sum}");
+        assert!((f64::from(angle) / whole - 1.0).abs() < 1e-3, "{angle} against {whole}");
+        let factor = point_to_polygon(position, normal, &corners) * std::f32::consts::PI;
+        assert!((vector.dot(normal) - factor).abs() < 1e-5);
     }
 
     #[test]

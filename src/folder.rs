@@ -3,6 +3,7 @@
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
 use crate::post::{Layer, Lightmap};
+use crate::probe::LightProbes;
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::settings::Settings;
@@ -10,7 +11,7 @@ use crate::unwrap::Atlas;
 use crate::write::encode::{self, Encoded, Encoding};
 use crate::write::exr::{PageHeader, PageLayer, write_page};
 use crate::write::output::Staging;
-use crate::write::{Baked, GltfProfile, engines, gltf, usd};
+use crate::write::{self, Baked, GltfProfile, engines, gltf, usd};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -101,7 +102,7 @@ fn write_pages(
             progress.check()?;
             let place = |misfits: usize| format!("{} ({misfits} texels)", form.uris[number]);
             if form.encoding == Encoding::Exr {
-                let clamped = write_exr(baked, lightmap, number, path, settings.float)?;
+                let clamped = write_exr(baked, lightmap, number, path, settings)?;
                 if clamped > 0 {
                     warnings.add(place(clamped), "too bright for half floats; bake with --float");
                 }
@@ -126,12 +127,29 @@ fn page_layer(layer: &Layer, page: usize) -> PageLayer<'_> {
 }
 
 /// Writes page `number` with all layers; returns how many texels half floats could not hold.
-fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, float: bool) -> Result<usize> {
+fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, settings: &Settings) -> Result<usize> {
     let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    let header =
-        PageHeader { quantity: baked.quantity, page: number as u32, density: baked.atlas.density, scene: &scene };
+    let header = PageHeader {
+        quantity: baked.quantity,
+        page: number as u32,
+        density: baked.atlas.density,
+        scene: &scene,
+        directional: settings.directional,
+    };
     let layers: Vec<PageLayer> = lightmap.layers.iter().map(|layer| page_layer(layer, number)).collect();
-    write_page(path, &lightmap.pages[number], &layers, &header, float)
+    write_page(path, &lightmap.pages[number], &layers, &header, settings.float)
+}
+
+/// Writes the light probes, where there are any, into the staging folder.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write_probes(probes: &LightProbes, staging: &mut Staging) -> Result<()> {
+    if probes.list.is_empty() {
+        return Ok(());
+    }
+    let [json, exr] = write::probes::FILES;
+    write::probes::write(&staging.path(json)?, &staging.path(exr)?, probes)
 }
 
 /// Adds the report and moves everything into place.

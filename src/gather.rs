@@ -9,6 +9,7 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::light::Lit;
 use crate::light::direct::{Direct, hemisphere_weight};
+use crate::moments::Moments;
 use crate::patch::{Ground, NONE, Reflectance};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
@@ -16,6 +17,7 @@ use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::solve::Solution;
 use crate::trace::{Hit, Ray};
 use crate::transport::{Elements, Probes};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -47,6 +49,9 @@ pub struct Gathered {
     pub parts: Vec<Vec<Rgb>>,
     /// What of `indirect` each source caused that was asked for on its own [lx]: by `blocks/separate` alone.
     pub groups: Vec<Vec<Rgb>>,
+    /// Where the part that the gather found comes from, by patch; empty where it isn't asked for
+    /// ([`DirectParams::moments`](crate::light::direct::DirectParams::moments)).
+    pub moments: Vec<Moments>,
     /// Share of the rays that landed on something that can send light back.
     pub landed_share: Vec<f32>,
     /// Standard error of the gathered light over all patches, root mean square over mean irradiance (luminance).
@@ -156,6 +161,8 @@ struct Collected {
     landed: f32,
     /// By part of the sources.
     parts: Vec<Rgb>,
+    /// Where it comes from, if asked for.
+    moments: Option<Box<Moments>>,
 }
 
 /// Collects the light of all patches that are not buried.
@@ -179,7 +186,7 @@ pub fn gather(
                 progress.advance(64.min(patches.len() - i) as u64);
             }
             if lit.exposure.is_buried(i) {
-                return Ok(Collected::nothing(sources));
+                return Ok(Collected::nothing(sources, lit.params.moments));
             }
             Ok(collect(lit, sources, params.samples, i))
         })
@@ -205,6 +212,7 @@ pub fn gather(
         sky: collected.iter().map(|c| c.sky).collect(),
         parts: (0..sources.parts.len()).map(|k| collected.iter().map(|c| c.parts[k]).collect()).collect(),
         groups: Vec::new(),
+        moments: collected.iter().filter_map(|c| c.moments.as_deref().copied()).collect(),
         landed_share: collected.iter().map(|c| c.landed).collect(),
         noise,
         sky_inflow,
@@ -243,6 +251,7 @@ pub fn read_elements(
         difference: Vec::new(),
         parts: solution.bounces.iter().skip(1).map(|bounce| read(bounce)).collect(),
         groups: Vec::new(),
+        moments: Vec::new(),
         landed_share: (0..n).map(|i| element(i).map_or(0.0, |e| probes.of(e - e % step).landed_share)).collect(),
         noise: 0.0,
         sky_inflow: (0..n).map(flux).sum(),
@@ -253,8 +262,16 @@ pub fn read_elements(
 }
 
 impl Collected {
-    fn nothing(sources: &Sources) -> Self {
-        Self { parts: vec![Rgb::ZERO; sources.parts.len()], ..Self::default() }
+    fn nothing(sources: &Sources, moments: bool) -> Self {
+        let moments = moments.then(Box::default);
+        Self { parts: vec![Rgb::ZERO; sources.parts.len()], moments, ..Self::default() }
+    }
+
+    /// Adds what came along a ray, which stands for so much irradiance [lx], at `cos` to the normal.
+    fn add_direction(&mut self, irradiance: Rgb, direction: Vec3, cos: f32) {
+        if let Some(moments) = &mut self.moments {
+            moments.receive(irradiance / cos.max(Moments::LEAST_COS), direction);
+        }
     }
 
     fn mean(&self) -> Rgb {
@@ -264,7 +281,7 @@ impl Collected {
 
 fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
     let Lit { ground, lights, params, .. } = *lit;
-    let mut collected = Collected::nothing(sources);
+    let mut collected = Collected::nothing(sources, params.moments);
     let mut footprint = ground.footprint(i);
     if footprint.is_empty() {
         return collected;
@@ -303,6 +320,7 @@ fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
                     if let Some(under) = sources.under(ground, hit) {
                         light += under.radiosity * tint;
                         landed += 1;
+                        collected.add_direction(under.radiosity * tint / (2 * half) as f32, ray.direction, *cos);
                         let albedo = sources.reflectance.0[under.patch];
                         for (sum, part) in collected.parts.iter_mut().zip(sources.parts) {
                             *sum += albedo * tint * part[under.element] / (2 * half) as f32;
@@ -312,7 +330,9 @@ fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
                 None => {
                     if let Some(s) = &lights.sky {
                         let weight = hemisphere_weight(lights, params, ray.direction, *cos);
-                        sky += s.radiance(ground.scene, ray.direction) * tint * (weight * PI);
+                        let arriving = s.radiance(ground.scene, ray.direction) * tint * (weight * PI);
+                        sky += arriving;
+                        collected.add_direction(arriving / (2 * half) as f32, ray.direction, *cos);
                     }
                 }
             }

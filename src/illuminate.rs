@@ -3,22 +3,25 @@
 
 use crate::Result;
 use crate::blocks::separate::{Source, Wanted};
-use crate::blocks::{BlockParams, Exchanged, exchange};
+use crate::blocks::{BlockParams, Exchanged, exchange, shown_normals};
 use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
 use crate::error::Error;
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
 use crate::light::parts::{Apart, Part, direct_apart, parts};
-use crate::light::{Direct, Lights, Lit};
+use crate::light::{Direct, Lights, Lit, Shining, incident};
+use crate::moments::Moments;
 use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
 use crate::post::denoise::{Denoise, DenoiseReport, denoise, scales::Scales};
 use crate::post::dilate::{Finish, finish};
+use crate::post::directional::directional;
 use crate::post::layers::{self, Group, layers};
 use crate::post::seam::SeamReport;
-use crate::post::{LayerKind, Lightmap};
+use crate::post::{Directional, LayerKind, Lightmap};
+use crate::probe::{LightProbes, Surroundings, probes};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
 use crate::scene::{BakeMode, Scene};
@@ -51,6 +54,7 @@ pub struct Illuminated {
     pub energy: EnergyBalance,
     /// Rays that layers took besides.
     pub layer_rays: u64,
+    pub probes: LightProbes,
 }
 
 /// Finds the light of a scene in memory on the pages of `atlas`: everything between unwrapping and writing.
@@ -89,6 +93,20 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     if denoised.is_some() {
         dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
     }
+    // Lights that the engine adds are not among those that are seen, but what surfaces send back of them is.
+    let left_out = left_out.as_deref();
+    let is_baked = |shining: Shining| shining.contribution(scene).mode() == BakeMode::Baked;
+    let seen_lights = left_out.map(|_| Lights::of(scene, is_baked));
+    let seen = Lit { lights: seen_lights.as_ref().unwrap_or(&lights), ..lit };
+    let probes = match &settings.probes {
+        None => LightProbes::default(),
+        Some(_) => {
+            let with = |(i, e): (usize, &Rgb)| left_out.map_or(*e, |left_out| *e + left_out[i]);
+            let irradiance: Vec<Rgb> = gathered.irradiance.iter().enumerate().map(with).collect();
+            let around = Surroundings { lit: &seen, irradiance: &irradiance, backs: &backs };
+            probes(&around, &settings.probe_params(scene)?, progress)?
+        }
+    };
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
     let looks = match scene.surfaces.iter().all(|s| s.role.casts) {
@@ -104,7 +122,13 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     let sources = layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
-    let left_out = left_out.as_deref();
+    if settings.directional != Directional::Off {
+        let moments = all_moments(&seen, &direct, &gathered, settings, progress)?;
+        let normals = shown_normals(&lit);
+        let normal = |i: usize| normals.as_ref().map_or(patches.normal[i], |n| n[i]);
+        let form = (settings.directional, settings.quantity);
+        lightmap.layers.extend(directional(&to, &gathered.irradiance, &moments, &normal, form));
+    }
     let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
     let energy = balance(&bake, &lightmap, !settings.float);
     Ok(Illuminated {
@@ -122,7 +146,25 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lightmap,
         energy,
         layer_rays,
+        probes,
     })
+}
+
+/// Where all light of each patch comes from.
+fn all_moments(
+    lit: &Lit,
+    direct: &Direct,
+    gathered: &Gathered,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Vec<Moments>> {
+    if settings.method == Method::Path {
+        // Paths know where direct light comes from as well.
+        return Ok(gathered.moments.clone());
+    }
+    let mut moments = incident(lit, direct, progress)?;
+    moments.iter_mut().zip(&gathered.moments).for_each(|(sum, gathered)| *sum += *gathered);
+    Ok(moments)
 }
 
 /// The light of all texels, and how it was found.
@@ -289,6 +331,7 @@ fn paths(
         indirect,
         parts: Vec::new(),
         groups: Vec::new(),
+        moments: traced.moments,
         landed_share: traced.landed_share,
         noise,
         sky_inflow: glam::DVec3::ZERO,

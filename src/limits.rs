@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::inspect;
 use crate::light::mask::masked_lights;
 use crate::load::Loaded;
-use crate::post::LayerKind;
+use crate::post::{Directional, LayerKind};
 use crate::report::peak_memory;
 use crate::scene::{Environment, Scene};
 use crate::settings::{Gather, Settings};
@@ -19,6 +19,9 @@ use std::collections::BTreeSet;
 /// Measured on the Cornell box: 228 in all at 5 %, 280 at 2 %, 437 at 1 %.
 const TEXEL_BYTES: f64 = 165.0;
 const LINK_BYTES: f64 = 300.0;
+
+/// Memory of a texel, and of a texel of a page [bytes], where directions are asked for: moments twice, and the layers.
+const MOMENT_BYTES: [f64; 2] = [96.0, 48.0];
 
 /// Memory of a triangle [bytes]: the tree, its UVs while they are made, and the written geometry.
 const TRIANGLE_BYTES: f64 = 600.0;
@@ -61,8 +64,9 @@ fn check(loaded: &Loaded, texels: u64, page_texels: u64, settings: &Settings) ->
     let triangles = loaded.scene.triangle_count() as f64;
     let held = peak_memory().unwrap_or(0);
     let (layers, apart) = layer_counts(&loaded.scene, settings);
-    let work = texels as f64 * (texel_bytes(settings) + apart as f64 * APART_BYTES)
-        + page_texels as f64 * (PAGE_BYTES + layers as f64 * LAYER_BYTES)
+    let moments = if settings.directional == Directional::Off { [0.0; 2] } else { MOMENT_BYTES };
+    let work = texels as f64 * (texel_bytes(settings) + apart as f64 * APART_BYTES + moments[0])
+        + page_texels as f64 * (PAGE_BYTES + layers as f64 * LAYER_BYTES + moments[1])
         + triangles * TRIANGLE_BYTES;
     let bytes = held.saturating_add(work as u64);
     if bytes > most {

@@ -9,7 +9,7 @@ use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
-use crate::post::{LayerKind, Lightmap, vertex::corner_colors};
+use crate::post::{LayerKind, vertex::corner_colors};
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Scene;
@@ -36,6 +36,8 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let clock = Clock::new(progress);
     let (mut report, loaded) = open(scene, folder, settings, &clock)?;
     refuse_darkness(&loaded, settings)?;
+    // Too many probes are found out now, too.
+    settings.probe_params(&loaded.scene)?;
     if let Some(folder) = &settings.watch {
         watch::clear(folder)?;
     }
@@ -43,7 +45,8 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
-    report.rays = lit.exposure.rays + lit.direct.rays + lit.solution.rays + lit.gathered.rays + lit.layer_rays;
+    let of_light = lit.direct.rays + lit.solution.rays + lit.gathered.rays;
+    report.rays = lit.exposure.rays + of_light + lit.layer_rays + lit.probes.rays;
     report.noise = lit.gathered.noise;
     report.solver = solver_report(&lit, settings);
     report.error = lit.exchanged.map(|e| ErrorReport {
@@ -73,7 +76,8 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     warn_of_panes(&loaded.scene, &mut report, settings);
     warn_of_masks(&loaded.scene, &mut report, settings);
     warn_of_doubts(&mut report, settings);
-    finish(&loaded, &atlas, Some(&lit.lightmap), folder, settings, &clock, report)
+    report.describe_probes(&lit.probes);
+    finish(&loaded, &atlas, Some(&lit), folder, settings, &clock, report)
 }
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
@@ -265,12 +269,13 @@ fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Rep
 fn finish(
     loaded: &Loaded,
     atlas: &Atlas,
-    lightmap: Option<&Lightmap>,
+    lit: Option<&Illuminated>,
     folder: &Path,
     settings: &Settings,
     clock: &Clock,
     mut report: Report,
 ) -> Result<Report> {
+    let lightmap = lit.map(|lit| &lit.lightmap);
     let corners = lightmap.map(|lightmap| corner_colors(&loaded.scene, atlas, lightmap));
     clock.begin("write", 0);
     let encoded = folder::encoded(loaded.path(), atlas, lightmap, settings);
@@ -289,7 +294,10 @@ fn finish(
         lights: settings.lights,
     };
     report.describe(&baked);
-    let staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
+    let mut staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
+    if let Some(lit) = lit {
+        folder::write_probes(&lit.probes, &mut staging)?;
+    }
     report.stages = clock.stages();
     report.peak_memory_bytes = peak_memory();
     folder::commit(staging, &report, clock)?;

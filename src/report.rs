@@ -3,14 +3,15 @@
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::post::{Layer, denoise::DenoiseReport, seam::SeamReport};
+use crate::probe::LightProbes;
 use crate::progress::Progress;
 use crate::scene::{BakeMode, Contribution, Environment};
 use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
-use crate::write::Baked;
 use crate::write::encode::Encoding;
 use crate::write::exr::channel_names;
+use crate::write::{Baked, probes::FILES as PROBE_FILES};
 use cpu_time::ProcessTime;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -60,6 +61,9 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seams: Option<SeamReport>,
     pub energy: EnergyBalance,
+    /// Absent without light probes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probes: Option<ProbeReport>,
     /// Most memory that the process held [bytes]; absent where the system doesn't tell.
     pub peak_memory_bytes: Option<u64>,
     pub warnings: Warnings,
@@ -77,6 +81,15 @@ pub struct ErrorReport {
     pub noise: f64,
     /// By what is finer than blocks.
     pub bias: f64,
+}
+
+/// Light probes and their files, relative to the output folder.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProbeReport {
+    pub count: usize,
+    /// Those that stand inside of something.
+    pub invalid: usize,
+    pub files: [&'static str; 2],
 }
 
 /// A file that was read.
@@ -205,8 +218,18 @@ impl Report {
                 _ => format!("noise {noise:.2} %"),
             };
             lines.push(format!("{noise}, energy balance {balance:+.3} %"));
+            if let Some(ProbeReport { count, invalid, .. }) = &self.probes {
+                lines.push(format!("{count} light probe(s), {invalid} of them inside of something"));
+            }
         }
         lines
+    }
+
+    /// Describes `probes`, where there are any.
+    pub fn describe_probes(&mut self, probes: &LightProbes) {
+        let invalid = probes.list.iter().filter(|p| !p.is_valid()).count();
+        let count = probes.list.len();
+        self.probes = (count > 0).then_some(ProbeReport { count, invalid, files: PROBE_FILES });
     }
 
     /// Describes the surfaces and pages of `baked`.

@@ -4,8 +4,10 @@ mod bytes;
 mod check;
 mod outdoors;
 mod percent;
+mod probes;
 
 pub use outdoors::{ProjectorSetting, SkySetting};
+pub use probes::{ProbeSet, ProbeSetting};
 
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
@@ -13,9 +15,10 @@ use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
 use crate::post::denoise::{Denoise, DenoiseParams};
 use crate::post::layers::LayerParams;
-use crate::post::{LayerKind, Quantity, gutter::Gutter, seam::SeamMode};
+use crate::post::{Directional, LayerKind, Quantity, gutter::Gutter, seam::SeamMode};
+use crate::probe::ProbeParams;
 use crate::reference::{PathParams, Strategy};
-use crate::scene::BakeMode;
+use crate::scene::{BakeMode, Scene};
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
@@ -87,6 +90,10 @@ pub struct Settings {
     pub layers: Vec<LayerKind>,
     /// How far away things occlude in the layers ao and bent-normal [m]; 0: however far; none: 1.
     pub ao_distance: Option<f32>,
+    /// What pages tell of the directions that light comes from, for materials with normal maps.
+    pub directional: Directional,
+    /// Light probes, for objects without a lightmap.
+    pub probes: Option<ProbeSetting>,
     /// 32-bit pages in place of half.
     pub float: bool,
     pub solver: Solver,
@@ -300,6 +307,16 @@ impl Quality {
         }
     }
 
+    /// Rays of a light probe.
+    fn probe_rays(self) -> u32 {
+        match self {
+            Self::Draft => 384,
+            Self::Medium => 1536,
+            Self::High => 3072,
+            Self::Production => 12288,
+        }
+    }
+
     /// Form factors for themselves: elements, relative standard error, rays that probe each element, hemicubes on each.
     fn view_factors(self) -> (usize, f32, u32, u32) {
         match self {
@@ -378,6 +395,7 @@ impl Settings {
             sky_ratio: SKY_RATIO,
             gather_samples: self.gather_samples(),
             shading_normals: self.normals == Normals::Shading,
+            moments: self.directional != Directional::Off,
             seed: self.seed,
         }
     }
@@ -510,6 +528,15 @@ impl Settings {
             ao_distance: (distance > 0.0).then_some(distance),
             seed: self.seed,
         }
+    }
+
+    /// The probes of `scene`; none where none are asked for.
+    ///
+    /// # Errors
+    /// `Invalid` where there would be too many.
+    pub fn probe_params(&self, scene: &Scene) -> crate::Result<ProbeParams> {
+        let sets = self.probes.as_ref().map_or(Ok(Vec::new()), |probes| probes.placements(scene))?;
+        Ok(ProbeParams { sets, rays: self.quality.probe_rays(), seed: self.seed })
     }
 
     /// The path tracer's parameters.

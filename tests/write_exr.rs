@@ -20,7 +20,13 @@ fn page() -> PageImage {
     PageImage { width, height, rgb, coverage }
 }
 
-const HEADER: PageHeader = PageHeader { quantity: Quantity::Outgoing, page: 3, density: 12.5, scene: "room.glb" };
+const HEADER: PageHeader = PageHeader {
+    quantity: Quantity::Outgoing,
+    page: 3,
+    density: 12.5,
+    scene: "room.glb",
+    directional: lumel::post::Directional::Off,
+};
 
 /// Channel `name` of the file's first layer, row by row from the top.
 fn channel(path: &PathBuf, name: &str) -> Vec<f32> {

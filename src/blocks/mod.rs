@@ -11,6 +11,7 @@ pub mod block;
 mod effort;
 mod field;
 pub mod guide;
+mod incident;
 pub mod link;
 pub mod reach;
 pub mod respond;
@@ -140,6 +141,7 @@ pub fn exchange(
     let radiosity = field.system().radiosity(&field.irradiance);
     let backs = field.backs(&radiosity);
     let responses = field.responses(&radiosity, &normal);
+    let moments = if lit.params.moments { incident::incident(&field, &radiosity) } else { Vec::new() };
     drop(radiosity);
     let exchanged = Exchanged {
         blocks: field.blocks.list.len(),
@@ -155,7 +157,7 @@ pub fn exchange(
     let smoothed = smooth(&field.blocks, &field.around, responses);
     let mut gathered = show_all(&field, direct, smoothed, &normal);
     separate.put(&mut gathered);
-    Ok((Gathered { noise: left.noise, ..gathered }, backs, exchanged))
+    Ok((Gathered { noise: left.noise, moments, ..gathered }, backs, exchanged))
 }
 
 /// The exchange under way.
@@ -305,6 +307,7 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
         sky: none(),
         parts: Vec::new(),
         groups: Vec::new(),
+        moments: Vec::new(),
         landed_share: vec![0.0; n],
         noise: 0.0,
         sky_inflow: DVec3::ZERO,
@@ -346,7 +349,7 @@ fn kept_means(field: &Field, responses: Vec<Response>, normal: &(dyn Fn(usize) -
 }
 
 /// The shading normal of every patch, at the middles of its pieces; `None` where irradiance is about the geometric one.
-fn shown_normals(lit: &Lit) -> Option<Vec<Vec3>> {
+pub fn shown_normals(lit: &Lit) -> Option<Vec<Vec3>> {
     let scene = lit.ground.scene;
     if !lit.params.shading_normals || scene.meshes.iter().all(|m| m.normals.is_empty()) {
         return None;

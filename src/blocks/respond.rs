@@ -33,10 +33,49 @@ pub enum Response {
 /// Values at 3 x 3 normals around the mean, and quadratic in between.
 #[derive(Clone, Debug)]
 pub struct Curved {
+    grid: Grid,
+    nodes: [Values; 9],
+}
+
+/// 3 x 3 normals around a mean.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
     tangents: [Vec3; 2],
     /// Sine of the outer nodes' angles to the mean along each tangent.
     reach: f32,
-    nodes: [Values; 9],
+}
+
+impl Grid {
+    /// Around `mean` (unit), for normals that are spread by so much [rad].
+    pub fn new(mean: Vec3, spread: f32) -> Self {
+        let reach = (1.2 * spread.min(1.0)).sin().clamp(REACH[0], REACH[1]);
+        let (x, y) = mean.any_orthonormal_pair();
+        Self { tangents: [x, y], reach }
+    }
+
+    /// The nodes around `mean`, unit.
+    pub fn normals(&self, mean: Vec3) -> [Vec3; 9] {
+        let [x, y] = self.tangents;
+        std::array::from_fn(|node| {
+            let [u, v] = [node % 3, node / 3].map(|k| (k as f32 - 1.0) * self.reach);
+            x * u + y * v + mean * (1.0 - u * u - v * v).max(0.0).sqrt()
+        })
+    }
+
+    /// What is read between `nodes` about `normal`.
+    pub fn read<const N: usize>(&self, nodes: &[[f32; N]; 9], normal: Vec3) -> [f32; N] {
+        let weights = |tangent: Vec3| {
+            let x = (normal.dot(tangent) / self.reach).clamp(-1.0, 1.0);
+            [0.5 * (x * x - x), 1.0 - x * x, 0.5 * (x * x + x)]
+        };
+        let [u, v] = self.tangents.map(weights);
+        let mut sum = [0.0; N];
+        for (k, node) in nodes.iter().enumerate() {
+            let w = u[k % 3] * v[k / 3];
+            sum.iter_mut().zip(node).for_each(|(s, n)| *s += w * n);
+        }
+        sum
+    }
 }
 
 /// Luminance of the irradiance in `values` [lx].
@@ -110,13 +149,9 @@ fn values(halves: [Rgb; 2], skies: [Rgb; 2], landed: f32) -> Values {
 impl Curved {
     fn new(system: &System, radiosity: &Radiosity, spread: f32, b: usize) -> Self {
         let (block, found) = (&system.blocks.list[b], &system.sampled[b]);
-        let reach = (1.2 * spread.min(1.0)).sin().clamp(REACH[0], REACH[1]);
-        let (x, y) = block.normal.any_orthonormal_pair();
-        let mut curved = Self { tangents: [x, y], reach, nodes: [[0.0; 8]; 9] };
-        let normals: [Vec3; 9] = std::array::from_fn(|node| {
-            let [u, v] = [node % 3, node / 3].map(|k| (k as f32 - 1.0) * reach);
-            x * u + y * v + block.normal * (1.0 - u * u - v * v).max(0.0).sqrt()
-        });
+        let grid = Grid::new(block.normal, spread);
+        let normals = grid.normals(block.normal);
+        let mut curved = Self { grid, nodes: [[0.0; 8]; 9] };
         let mut sums = [[Rgb::ZERO; 2]; 9];
         let mut landed = [0.0f32; 9];
         for (k, half) in found.halves.iter().enumerate() {
@@ -139,17 +174,7 @@ impl Curved {
     }
 
     fn at(&self, normal: Vec3) -> Values {
-        let weights = |tangent: Vec3| {
-            let x = (normal.dot(tangent) / self.reach).clamp(-1.0, 1.0);
-            [0.5 * (x * x - x), 1.0 - x * x, 0.5 * (x * x + x)]
-        };
-        let [u, v] = self.tangents.map(weights);
-        let mut sum = [0.0; 8];
-        for (k, node) in self.nodes.iter().enumerate() {
-            let w = u[k % 3] * v[k / 3];
-            sum.iter_mut().zip(node).for_each(|(s, n)| *s += w * n);
-        }
-        sum
+        self.grid.read(&self.nodes, normal)
     }
 
     /// Scales the nodes so that the mean over the block's texels is `mean`: no light is made or lost by how it is shown.

@@ -90,8 +90,31 @@ fn blend(
     i: usize,
     normal: Vec3,
 ) -> Values {
-    if around.len() == 1 {
+    let mut sum = [0.0f32; 8];
+    let is_between = read_between(lit, blocks, around, b, i, |n, share| {
+        sum.iter_mut().zip(responses[n].at(normal)).for_each(|(s, v)| *s += share * v);
+    });
+    if !is_between {
         return responses[b].at(normal);
+    }
+    for (k, s) in sum.iter_mut().enumerate().filter(|(k, _)| *k != DIFFERENCE) {
+        *s = s.clamp(0.0, if k == LANDED { 1.0 } else { f32::MAX });
+    }
+    sum
+}
+
+/// Calls `add` with the blocks that patch `i` of block `b` is read between, those `around` and itself, and the share of each; shares
+/// add up to 1. False, and no call, where it is read from its own block alone.
+pub(super) fn read_between(
+    lit: &Lit,
+    blocks: &Blocks,
+    around: &[u32],
+    b: usize,
+    i: usize,
+    mut add: impl FnMut(usize, f32),
+) -> bool {
+    if around.len() == 1 {
+        return false;
     }
     let [x, y] = lit.ground.column_row(i);
     let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
@@ -111,14 +134,9 @@ fn blend(
         *slot = (weight, d);
         reach = reach.max(side);
     }
-    let Some(shares) = plane.shares(RIDGE, reach) else { return responses[b].at(normal) };
-    let mut sum = [0.0f32; 8];
+    let Some(shares) = plane.shares(RIDGE, reach) else { return false };
     for ((weight, d), &n) in weights.iter().zip(around).filter(|((weight, _), _)| *weight > 0.0) {
-        let share = shares.of(*weight, *d);
-        sum.iter_mut().zip(responses[n as usize].at(normal)).for_each(|(s, v)| *s += share * v);
+        add(n as usize, shares.of(*weight, *d));
     }
-    for (k, s) in sum.iter_mut().enumerate().filter(|(k, _)| *k != DIFFERENCE) {
-        *s = s.clamp(0.0, if k == LANDED { 1.0 } else { f32::MAX });
-    }
-    sum
+    true
 }

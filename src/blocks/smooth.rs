@@ -103,7 +103,12 @@ fn give_back(blocks: &Blocks, own: &[Values], responses: &mut [Response]) {
 }
 
 /// The plane through the `value`s of block `b` and those around it, at the place of the block; `None` where they are too few.
-fn fit(blocks: &Blocks, around: &[u32], b: usize, value: impl Fn(usize) -> Values) -> Option<Values> {
+pub(super) fn fit<const N: usize>(
+    blocks: &Blocks,
+    around: &[u32],
+    b: usize,
+    value: impl Fn(usize) -> [f32; N],
+) -> Option<[f32; N]> {
     let block = &blocks.list[b];
     let side = (1u32 << block.level) as f32;
     let near: Vec<(usize, f32, Vec2)> = around
@@ -128,7 +133,7 @@ fn fit(blocks: &Blocks, around: &[u32], b: usize, value: impl Fn(usize) -> Value
         reach = reach.max(d.length());
     }
     let shares = plane.shares(RIDGE, reach)?;
-    let mut values = [0.0f32; 8];
+    let mut values = [0.0f32; N];
     for (n, weight, d) in &near {
         let share = shares.of(*weight, *d);
         values.iter_mut().zip(value(*n)).for_each(|(sum, v)| *sum += share * v);

@@ -72,6 +72,20 @@ impl DeltaLight {
         }
     }
 
+    /// True where all of its light comes from one direction.
+    pub fn is_point(&self) -> bool {
+        match self.shape {
+            LightShape::Directional { angle, .. } => angle <= 0.0,
+            LightShape::Point { .. } | LightShape::Spot { .. } => true,
+            _ => false,
+        }
+    }
+
+    /// True where it is linked to `surface`; of what is no surface, where it is linked to all.
+    pub fn shines_on(&self, surface: u32) -> bool {
+        self.lit.holds(surface)
+    }
+
     /// The factor on what it sends from `at` along the unit vector `direction`.
     fn factor(&self, scene: &Scene, at: Vec3, direction: Vec3) -> Rgb {
         if self.is_plain { Rgb::ONE } else { scene.lights[self.light].factor(scene, at, direction) }

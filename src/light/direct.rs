@@ -41,6 +41,8 @@ pub struct DirectParams {
     pub gather_samples: u32,
     /// Whether irradiance is shown about the interpolated normal.
     pub shading_normals: bool,
+    /// Whether stages find where their light comes from ([`crate::moments`]), too.
+    pub moments: bool,
     pub seed: u32,
 }
 
@@ -58,17 +60,17 @@ pub struct Direct {
 }
 
 /// Blocks of 2^3 texels a side share a cut through the light tree and the rays of a glance.
-const BLOCK_LEVEL: u32 = 3;
+pub(super) const BLOCK_LEVEL: u32 = 3;
 /// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.
-const SHARE: usize = 8;
+pub(super) const SHARE: usize = 8;
 /// Blocks that are glanced at before what was seen is put away.
 const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
 const MOST_SAMPLES: u32 = 1024;
 /// The same from one of the several receivers of a surface that no texel shows.
-const MOST_ARRIVING: u32 = 64;
+pub(super) const MOST_ARRIVING: u32 = 64;
 /// What neighbours take out of it, noise may be more at first.
-const GRAIN: f32 = 2.0;
+pub(super) const GRAIN: f32 = 2.0;
 /// Patches that keep more than this share of their difference to those around are looked at until they have no noise to speak of.
 const SHARP: f32 = 0.5;
 /// How often shadow edges are followed to patches around; each time by one patch.
@@ -277,7 +279,7 @@ fn add_sky(lit: &Lit, blocks: &[Range<usize>], arriving: &mut [Arriving], progre
 
 /// Applies `look` to the sites of `members` of a block, in the light of the block's emitters; buried members have none, and get
 /// the default.
-fn at_block<T: Clone + Default>(
+pub(super) fn at_block<T: Clone + Default>(
     lit: &Lit,
     block: &Range<usize>,
     members: &[usize],

@@ -6,6 +6,7 @@
 pub mod delta;
 pub mod direct;
 pub mod emitter;
+pub mod incident;
 pub mod mask;
 pub mod parts;
 mod penumbra;
@@ -19,6 +20,7 @@ mod skylight;
 pub mod tree;
 
 pub use direct::{Direct, direct};
+pub use incident::incident;
 pub use sky::Sky;
 
 use crate::patch::{Emission, Ground, Reflectance, unocclude::Exposure};

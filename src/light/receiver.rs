@@ -80,22 +80,26 @@ impl<'a> Site<'a> {
     }
 
     /// The mean over the receiver of `value`, which is told two random numbers.
-    pub fn mean(&self, evenness: Evenness, value: impl Fn(&SurfacePoint, [f32; 2]) -> [f32; 2]) -> [f32; 2] {
+    pub fn mean<const N: usize>(
+        &self,
+        evenness: Evenness,
+        value: impl Fn(&SurfacePoint, [f32; 2]) -> [f32; N],
+    ) -> [f32; N] {
         let count = match evenness {
             Evenness::From(distance) if self.is_far(distance) => {
-                return self.parts.iter().fold([0.0; 2], |sum, (centre, share)| {
-                    let [transport, shown] = value(centre, [0.5; 2]);
-                    [sum[0] + share * transport, sum[1] + share * shown]
+                return self.parts.iter().fold([0.0; N], |sum, (centre, share)| {
+                    let value = value(centre, [0.5; 2]);
+                    std::array::from_fn(|k| sum[k] + share * value[k])
                 });
             }
             Evenness::From(_) => FIRST_POINTS as u32,
             Evenness::Rough => MORE_POINTS,
         };
-        let mut sum = [0.0f32; 2];
+        let mut sum = [0.0f32; N];
         for index in 0..count {
             let (point, u) = self.draw(index, 0);
-            let [transport, shown] = value(&point, u);
-            sum = [sum[0] + transport, sum[1] + shown];
+            let value = value(&point, u);
+            sum = std::array::from_fn(|k| sum[k] + value[k]);
         }
         sum.map(|s| s / count as f32)
     }

@@ -2,6 +2,7 @@
 
 pub mod denoise;
 pub mod dilate;
+pub mod directional;
 pub mod gutter;
 pub mod layers;
 pub mod seam;
@@ -15,6 +16,33 @@ pub struct Lightmap {
     pub pages: Vec<PageImage>,
     pub quantity: Quantity,
     pub layers: Vec<Layer>,
+}
+
+/// What pages tell of the directions that light comes from; [`directional`] defines each form.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Directional {
+    /// Nothing.
+    #[default]
+    Off,
+    /// Spherical harmonics to order 1: the layers `sh0`, `sh1x`, `sh1y` and `sh1z`.
+    Sh,
+    /// One direction for all channels, as long as light agrees on it: the layer `dominant`.
+    Dominant,
+}
+
+impl Directional {
+    /// How a value about the unit normal `n` follows, for headers; none where nothing is told.
+    pub fn formula(self) -> Option<&'static str> {
+        match self {
+            Self::Off => None,
+            Self::Sh => Some("value(n) = sh0 + sh1x n.x + sh1y n.y + sh1z n.z; n in world space, right-handed, Y up"),
+            Self::Dominant => Some(
+                "value(n) = RGB max(0, 1 + 2 dominant . n) / (1 + 2 dominant . n0), n0 the vertex normal; world space, \
+                 right-handed, Y up",
+            ),
+        }
+    }
 }
 
 /// A part of the light on its own.

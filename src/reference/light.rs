@@ -12,6 +12,7 @@ use crate::light::delta::{Arrival, passing, unshadowed};
 use crate::light::emitter::link;
 use crate::light::polygon::{Polygon, Source};
 use crate::light::tree::Viewpoint;
+use crate::moments::Moments;
 use crate::patch::reflectance::passing_at;
 use crate::patch::{Ground, NONE, SurfacePoint};
 use crate::sample::warp::cosine_hemisphere_pdf;
@@ -49,12 +50,18 @@ pub struct Lit {
     pub other: Rgb,
     /// Shadow rays that were traced.
     pub rays: u64,
+    /// Where it comes from, if asked for.
+    pub moments: Option<Moments>,
 }
 
 impl Lit {
-    fn add(&mut self, irradiance: Rgb, is_surface: bool) {
+    /// Adds `irradiance` that comes from `towards` at `cos` to the shading normal.
+    fn add(&mut self, irradiance: Rgb, is_surface: bool, towards: Vec3, cos: f32) {
         self.irradiance += irradiance;
         self.other += if is_surface { Rgb::ZERO } else { irradiance };
+        if let Some(moments) = &mut self.moments {
+            moments.receive(irradiance / cos.max(f32::MIN_POSITIVE), towards);
+        }
     }
 }
 
@@ -71,9 +78,9 @@ impl<'a> Emitters<'a> {
     }
 
     /// Estimates the light at `point` about its shading normal from one polygon, one delta light and one direction of a sky with
-    /// a picture, whichever there are.
-    pub fn sample(&self, point: &SurfacePoint, draw: &LightDraw) -> Lit {
-        let mut lit = Lit::default();
+    /// a picture, whichever there are; with `moments` where it comes from, too.
+    pub fn sample(&self, point: &SurfacePoint, draw: &LightDraw, moments: bool) -> Lit {
+        let mut lit = Lit { moments: moments.then(Moments::default), ..Lit::default() };
         self.sample_polygon(point, draw.polygon, &mut lit);
         self.sample_delta(point, draw.delta, draw.disc, &mut lit);
         self.sample_sky(point, draw.sky, &mut lit);
@@ -114,7 +121,8 @@ impl<'a> Emitters<'a> {
         }
         if passing[0] != Rgb::ZERO {
             let radiance = polygon.radiance_towards(self.ground.scene, to, -link.towards) * passing[0];
-            lit.add(radiance * (link.shown * weight / density), is_surface);
+            let cos = point.shading.dot(link.towards);
+            lit.add(radiance * (link.shown * weight / density), is_surface, link.towards, cos);
         }
     }
 
@@ -141,7 +149,8 @@ impl<'a> Emitters<'a> {
         let Some((color, arrival, shade)) = drawn else { return };
         lit.rays += 1;
         let blockers = self.lights.tracer(self.ground.tracer, shade);
-        lit.add(color * total * passing(self.ground.tracer, blockers, point, &arrival), false);
+        let irradiance = color * total * passing(self.ground.tracer, blockers, point, &arrival);
+        lit.add(irradiance, false, arrival.towards, point.shading.dot(arrival.towards));
     }
 
     fn sample_sky(&self, point: &SurfacePoint, u: [f32; 3], lit: &mut Lit) {
@@ -160,7 +169,8 @@ impl<'a> Emitters<'a> {
         let origin = self.ground.tracer.off_surface(point.position, point.normal);
         self.ground.tracer.transmittance_of_rays(&[Ray { origin, direction: towards }], &mut passing);
         if passing[0] != Rgb::ZERO {
-            lit.add(sky.radiance(self.ground.scene, towards) * passing[0] * (cos * weight / pdf), false);
+            let irradiance = sky.radiance(self.ground.scene, towards) * passing[0] * (cos * weight / pdf);
+            lit.add(irradiance, false, towards, cos);
         }
     }
 
@@ -178,7 +188,7 @@ impl<'a> Emitters<'a> {
             let passing = passing(self.ground.tracer, blockers, point, &arrival);
             if passing != Rgb::ZERO {
                 let radiance = drawn.sky.radiance(self.ground.scene, drawn.towards) * passing;
-                lit.add(radiance * (2.0 * cos * drawn.weight), false);
+                lit.add(radiance * (2.0 * cos * drawn.weight), false, drawn.towards, cos);
             }
         }
     }

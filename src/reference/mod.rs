@@ -16,6 +16,7 @@ pub mod path;
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::light::Lit;
+use crate::moments::Moments;
 use crate::patch::{Ground, SurfacePoint, unocclude::Exposure};
 use crate::progress::Progress;
 use crate::sample::sequence::Stage;
@@ -87,6 +88,9 @@ pub struct Traced {
     pub difference: [Vec<Rgb>; 2],
     /// The part of `irradiance` that comes straight from lights and the sky [lx].
     pub direct: Vec<Rgb>,
+    /// Where `irradiance` comes from; empty where it isn't asked for
+    /// ([`DirectParams::moments`](crate::light::direct::DirectParams::moments)).
+    pub moments: Vec<Moments>,
     /// Share of the first rays that landed on something that can send light back.
     pub landed_share: Vec<f32>,
     /// Flux straight from the sky and from lights that are no surface, over all patches [lm].
@@ -108,8 +112,9 @@ pub struct TracedBacks {
 }
 
 /// What one texel received.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 struct Texel {
+    moments: Option<Box<Moments>>,
     irradiance: DVec3,
     standard_error: DVec3,
     difference: [DVec3; 2],
@@ -142,7 +147,9 @@ pub fn trace(lit: &Lit, params: &PathParams, progress: &dyn Progress) -> Result<
         })
         .collect::<Result<_>>()?;
     let rgb = |of: fn(&Texel) -> DVec3| texels.iter().map(|t| of(t).as_vec3()).collect();
+    let moments = |t: &Texel| t.moments.as_deref().copied().unwrap_or_default();
     Ok(Traced {
+        moments: if lit.params.moments { texels.iter().map(moments).collect() } else { Vec::new() },
         irradiance: rgb(|t| t.irradiance),
         standard_error: rgb(|t| t.standard_error),
         difference: [rgb(|t| t.difference[0]), rgb(|t| t.difference[1])],
@@ -181,8 +188,10 @@ fn at_patch(
     let (first, second) = batches.split_at(batches.len() / 2);
     let sum = |half: &[Found], of: fn(&Found) -> DVec3| half.iter().map(of).sum::<DVec3>();
     let half_difference = |of: fn(&Found) -> DVec3| (sum(first, of) - sum(second, of)) / b;
+    let moments = batches.iter().map(|f| f.moments).reduce(|a, b| Some(a? + b?)).flatten();
     Ok(Texel {
         difference: [half_difference(|f| f.irradiance - f.direct), half_difference(|f| f.direct)],
+        moments: moments.map(|m| Box::new(m * b.recip() as f32)),
         irradiance,
         standard_error: (squares / (b * (b - 1.0))).map(f64::sqrt),
         direct: mean(|f| f.direct),

@@ -10,6 +10,7 @@ use super::PathParams;
 use super::light::{Emitters, LightDraw};
 use crate::color::Rgb;
 use crate::light::Lit;
+use crate::moments::Moments;
 use crate::patch::SurfacePoint;
 use crate::patch::footprint::Facet;
 use crate::sample::sequence::{Sequence, Stage};
@@ -49,6 +50,8 @@ pub struct Found {
     pub direct: DVec3,
     /// The part of that which comes from the sky and from lights that are no surface.
     pub inflow: DVec3,
+    /// Where it comes from, if asked for.
+    pub moments: Option<Moments>,
     /// Share of the first rays that landed on something that can send light back.
     pub landed_share: f64,
     /// Rays and shadow rays.
@@ -63,6 +66,8 @@ struct Path {
     point: SurfacePoint,
     /// Product of the albedos and tints so far, and of what Russian roulette divided by.
     weight: Rgb,
+    /// The direction in which it set out, over its cosine to the shading normal, and the inverse of that cosine.
+    first: (Vec3, f32),
 }
 
 impl<'a> PathTracer<'a> {
@@ -73,12 +78,12 @@ impl<'a> PathTracer<'a> {
 
     /// Paths `0..count`, at least one, from `start`, which takes a path's number and a place in the unit square.
     pub fn trace(&self, key: Key, count: u32, start: impl Fn(u32, [f32; 2]) -> SurfacePoint) -> Found {
-        let mut found = Found::default();
+        let mut found = Found { moments: self.lit.params.moments.then(Moments::default), ..Found::default() };
         let first = self.sequence(key, 0);
         let mut paths: Vec<Path> = (0..count)
             .map(|index| {
                 let [x, y, ..] = first.point(index, 0);
-                Path { index, point: start(index, [x, y]), weight: Rgb::ONE }
+                Path { index, point: start(index, [x, y]), weight: Rgb::ONE, first: (Vec3::ZERO, 0.0) }
             })
             .collect();
         let mut bounce = 0;
@@ -91,6 +96,7 @@ impl<'a> PathTracer<'a> {
             irradiance: found.irradiance / n,
             direct: found.direct / n,
             inflow: found.inflow / n,
+            moments: found.moments.map(|m| m * n.recip() as f32),
             landed_share: found.landed_share / n,
             rays: found.rays,
         }
@@ -107,18 +113,26 @@ impl<'a> PathTracer<'a> {
         let set = SETS * (bounce % VERTICES_A_SEQUENCE);
         let mut setting_out = Vec::with_capacity(paths.len());
         let mut rays = Vec::with_capacity(paths.len());
-        for path in paths {
+        for mut path in paths {
             let [a, b, c, d] = sequence.point(path.index, set + 1);
             let [e, f, g, h] = sequence.point(path.index, set + 2);
             let draw = LightDraw { polygon: [a, b], delta: h, disc: [c, d], sky: [e, f, g] };
-            let lit = self.emitters.sample(&path.point, &draw);
+            let lit = self.emitters.sample(&path.point, &draw, bounce == 0 && self.lit.params.moments);
             found.rays += lit.rays;
             found.add(bounce, path.weight * lit.irradiance, path.weight * lit.other);
+            match lit.moments {
+                Some(moments) => found.add_moments(&moments),
+                None => found.add_along(&path, path.weight * lit.irradiance),
+            }
             let [_, _, s, t] = sequence.point(path.index, set);
             let direction = frame(path.point.shading) * cosine_hemisphere([s, t]);
             // Below the triangle's own horizon there is nothing to see.
             if direction.dot(path.point.normal) > 0.0 {
                 let origin = self.lit.ground.tracer.off_surface(path.point.position, path.point.normal);
+                if bounce == 0 {
+                    let inverse = path.point.shading.dot(direction).max(Moments::LEAST_COS).recip();
+                    path.first = (direction * inverse, inverse);
+                }
                 rays.push(Ray { origin, direction });
                 setting_out.push(path);
             }
@@ -133,11 +147,13 @@ impl<'a> PathTracer<'a> {
             let Some(hit) = hit else {
                 let sky = path.weight * self.emitters.escaped(&path.point, ray.direction) * PI;
                 found.add(bounce, sky, sky);
+                found.add_along(&path, sky);
                 continue;
             };
             let point = self.point_at(hit);
             let emitted = self.emitters.emitted(&path.point, ray.direction, hit, point.position);
             found.add(bounce, path.weight * emitted * PI, Rgb::ZERO);
+            found.add_along(&path, path.weight * emitted * PI);
             let Some(albedo) = self.albedo_under(hit) else { continue };
             found.landed_share += if bounce == 0 { 1.0 } else { 0.0 };
             if self.params.max_bounces.is_some_and(|most| bounce >= most) {
@@ -146,7 +162,7 @@ impl<'a> PathTracer<'a> {
             // The dimensions that the first vertex takes its place from.
             let [u, ..] = sequence.point(path.index, set);
             if let Some(weight) = roulette(path.weight * albedo, bounce, u) {
-                going_on.push(Path { index: path.index, point, weight });
+                going_on.push(Path { point, weight, ..path });
             }
         }
         going_on
@@ -180,6 +196,23 @@ impl Found {
         if bounce == 0 {
             self.direct += irradiance.as_dvec3();
             self.inflow += other.as_dvec3();
+        }
+    }
+}
+
+impl Found {
+    fn add_moments(&mut self, moments: &Moments) {
+        if let Some(sum) = &mut self.moments {
+            *sum += *moments;
+        }
+    }
+
+    /// Adds what came along a path's first direction to where light comes from.
+    fn add_along(&mut self, path: &Path, irradiance: Rgb) {
+        if let Some(sum) = &mut self.moments {
+            let (direction, inverse) = path.first;
+            sum.scalar += irradiance * inverse;
+            sum.vector.iter_mut().zip(direction.to_array()).for_each(|(sum, d)| *sum += irradiance * d);
         }
     }
 }

@@ -29,6 +29,7 @@ pub enum Stage {
     BlockArea,
     Back,
     Openness,
+    LightProbe,
 }
 
 impl Sequence {

@@ -3,7 +3,7 @@
 use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
-use crate::post::{LayerKind, Quantity};
+use crate::post::{Directional, LayerKind, Quantity};
 use crate::reference::BATCHES;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
@@ -65,6 +65,7 @@ impl Settings {
             return Err(Error::invalid("sky", "is given together with environment; leave one out"));
         }
         self.edits().check()?;
+        self.probes.as_ref().map_or(Ok(()), |probes| probes.check())?;
         super::outdoors::check(self.sky, self.sun, &self.projectors)
     }
 
@@ -104,6 +105,7 @@ impl Settings {
     }
 
     fn check_layers(&self) -> Result<()> {
+        let is_directional = self.directional != Directional::Off;
         let has = |kind| self.layers.contains(&kind);
         let is_double = |(k, kind)| self.layers[..k].contains(kind);
         refuse_first(&[
@@ -137,6 +139,16 @@ impl Settings {
                 has(LayerKind::Error) && self.gather == Gather::None,
                 "layers",
                 "without a gather no error is known; leave out error, or gather none",
+            ),
+            (
+                is_directional && self.gather == Gather::None,
+                "directional",
+                "elements know no directions; leave it out, or gather none",
+            ),
+            (
+                is_directional && self.quantity == Quantity::Radiosity,
+                "directional",
+                "what a surface sends out is the same all round; choose the quantity outgoing or irradiance",
             ),
         ])
     }

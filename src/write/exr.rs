@@ -6,7 +6,7 @@
 
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::post::{Channels, PageImage, Quantity};
+use crate::post::{Channels, Directional, PageImage, Quantity};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
     LayerAttributes, LineOrder, Text, Vec2, WritableImage,
@@ -31,6 +31,8 @@ pub struct PageHeader<'a> {
     pub density: f32,
     /// File name of the scene, without folders; `lumel:scene`.
     pub scene: &'a str,
+    /// How the layers about directions are read; `lumel:directional`, absent where there are none.
+    pub directional: Directional,
 }
 
 /// A layer of a page.
@@ -87,6 +89,7 @@ pub fn write_page(
         let list: Vec<_> = layers.iter().map(list).collect();
         attributes.push(("lumel:layers", text(&serde_json::Value::from(list).to_string())));
     }
+    attributes.extend(header.directional.formula().map(|formula| ("lumel:directional", text(formula))));
     write(path, page.width, page.height, channels, &attributes)?;
     Ok(clamped)
 }

@@ -7,6 +7,7 @@ pub mod exr;
 pub mod gltf;
 pub mod npz;
 pub mod output;
+pub mod probes;
 pub mod usd;
 pub mod view_factors;
 pub mod watch;

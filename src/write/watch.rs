@@ -69,8 +69,13 @@ impl<'a> WatchFolder<'a> {
         let pages = finish(&Finish::plain(*lit), &irradiance, self.quantity).0.pages;
         for (page, image) in pages.iter().enumerate().take(lit.ground.atlas.shown_pages) {
             let name = |extension: &str| self.folder.join(format!("{iteration:06}_{page}.{extension}"));
-            let header =
-                PageHeader { quantity: self.quantity, page: page as u32, density: lit.ground.atlas.density, scene: "" };
+            let header = PageHeader {
+                quantity: self.quantity,
+                page: page as u32,
+                density: lit.ground.atlas.density,
+                scene: "",
+                directional: Default::default(),
+            };
             write_page(&name("exr"), image, &[], &header, true)?;
             self.write_png(&name("png"), image)?;
         }

@@ -73,6 +73,11 @@ pub fn write_asset(doc: &mut Document, baked: &Baked, vertex_scale: Option<f32>)
         if let Some(encodings) = encodings(baked) {
             lumel.insert("encodings".into(), encodings);
         }
+        // What else the pages hold, such as the directions that light comes from.
+        let layers: Vec<&str> = baked.lightmap.iter().flat_map(|l| &l.layers).map(|l| l.name.as_str()).collect();
+        if !layers.is_empty() {
+            lumel.insert("layers".into(), layers.into());
+        }
         if let Some(scale) = vertex_scale {
             lumel.insert("vertexScale".into(), number(scale));
         }
