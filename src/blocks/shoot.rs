@@ -171,7 +171,7 @@ impl Draw<'_> {
             order[*end as usize] = at as u32;
         }
         let surface = ground.patches.surface(self.blocks.order[block.first as usize] as usize);
-        let middle = SurfacePoint { position: block.centre, normal: block.normal, shading: block.normal, surface };
+        let middle = SurfacePoint::on(surface, block.centre, block.normal);
         let side = if block.back { -1.0 } else { 1.0 };
         let mut last = None;
         for &at in order.iter() {
@@ -295,7 +295,7 @@ impl Draw<'_> {
         }
         let sample = |u: [f32; 2]| {
             let point = footprint.sample(u);
-            SurfacePoint { normal: -point.normal, shading: -point.normal, ..point }
+            SurfacePoint { normal: -point.normal, ..point }.flat()
         };
         let position = ground.patches.position[i];
         let receiver = Receiver {

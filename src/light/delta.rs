@@ -2,6 +2,7 @@
 
 use super::polygon::ball;
 use super::receiver::Evenness;
+use super::terminator::origin;
 use crate::color::Rgb;
 use crate::patch::SurfacePoint;
 use crate::sample::warp::{cap, frame};
@@ -150,20 +151,20 @@ impl DeltaLight {
 const SMALL_SUN: f32 = 0.04;
 
 /// Illuminance of one delta light at one point about the geometric and the shading normal, and how it comes; `None` where the
-/// point faces away from it, or the light is not linked to its surface.
+/// point faces away from it about both, or the light is not linked to its surface.
 pub fn unshadowed(scene: &Scene, light: &DeltaLight, point: &SurfacePoint, u: [f32; 2]) -> Option<([Rgb; 2], Arrival)> {
     if !light.lit.holds(point.surface) {
         return None;
     }
     let arrival = light.arrive(scene, point.position, u)?;
-    let cos = point.normal.dot(arrival.towards);
+    let cos = point.normal.dot(arrival.towards).max(0.0);
     let shading = point.shading.dot(arrival.towards).max(0.0);
-    (cos > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
+    (cos > 0.0 || shading > 0.0).then(|| ([arrival.illuminance * cos, arrival.illuminance * shading], arrival))
 }
 
 /// What gets through, by channel, past all that `blockers` knows of the light that arrives at `point`.
 pub fn passing(tracer: &Tracer, blockers: Option<&Tracer>, point: &SurfacePoint, arrival: &Arrival) -> Rgb {
-    let from = tracer.off_surface(point.position, point.normal);
+    let from = origin(tracer, point);
     let mut passing = [Rgb::ONE];
     let Some(tracer) = blockers else { return Rgb::ONE };
     if arrival.distance.is_finite() {

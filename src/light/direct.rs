@@ -13,7 +13,7 @@ use super::skylight::{from_sky, through_portals};
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
-use crate::patch::{Cutter, Footprint, Sparse};
+use crate::patch::{Cutter, Footprint, NONE, Sparse, footprint::Facet};
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::scene::Scene;
@@ -145,7 +145,8 @@ fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
     let site = Site::new(receiver, 0.0, &[]);
     // Of the light around nothing is known.
-    let look = Look { closely, around: 0.0, error: sight.params.shadow_error, most_samples: MOST_ARRIVING };
+    let error = sight.params.shadow_error;
+    let look = Look { closely, around: 0.0, error, most_samples: MOST_ARRIVING, evenly: false };
     let mut sum = examine(sight, &emitters, &site, look, &mut Volley::default()).arriving;
     from_sky(sight, receiver, false, &mut sum);
     through_portals(sight, receiver, false, &mut sum);
@@ -189,7 +190,9 @@ impl Close<'_> {
             };
             let wanted: Vec<(usize, u32)> = candidates.into_par_iter().filter_map(wanted).collect();
             let mut next = Vec::new();
-            for (&(i, bits), examined) in wanted.iter().zip(self.examine(&wanted, GRAIN * lit.params.shadow_error)?) {
+            for (&(i, bits), examined) in
+                wanted.iter().zip(self.examine(&wanted, GRAIN * lit.params.shadow_error, false)?)
+            {
                 noise.closely[i] = bits;
                 let ballot = examined.ballot;
                 examined.replace(&mut arriving[i], &mut noise.variance[i]);
@@ -210,20 +213,20 @@ impl Close<'_> {
 
     /// Takes the grain out of penumbrae, and has another look at what the patches around can't tell.
     fn settle(&self, mut noise: Noise, arriving: &mut [Arriving]) -> Result<()> {
-        let ground = self.lit.ground;
-        let first = Penumbra::new(ground, arriving, &noise.variance);
+        let Lit { ground, exposure, .. } = *self.lit;
+        let first = Penumbra::new(ground, exposure, arriving, &noise.variance);
         let sharp = |(&i, &kept): (&u32, &f32)| (kept > SHARP).then_some((i as usize, noise.closely[i as usize]));
         let sharp: Vec<(usize, u32)> = first.patches.iter().zip(&first.kept).filter_map(sharp).collect();
-        for (&(i, _), examined) in sharp.iter().zip(self.examine(&sharp, self.lit.params.shadow_error)?) {
+        for (&(i, _), examined) in sharp.iter().zip(self.examine(&sharp, self.lit.params.shadow_error, true)?) {
             examined.replace(&mut arriving[i], &mut noise.variance[i]);
         }
-        let settled = if sharp.is_empty() { first } else { Penumbra::new(ground, arriving, &noise.variance) };
-        settled.settle(arriving);
+        let settled = if sharp.is_empty() { first } else { Penumbra::new(ground, exposure, arriving, &noise.variance) };
+        settled.settle(&sharp, arriving);
         Ok(())
     }
 
     /// Examines patches, in order, each with the bits of emitters that it looks at closely.
-    fn examine(&self, wanted: &[(usize, u32)], error: f32) -> Result<Vec<Examined>> {
+    fn examine(&self, wanted: &[(usize, u32)], error: f32, evenly: bool) -> Result<Vec<Examined>> {
         let block_of = |i: usize| self.blocks.partition_point(|block| block.end <= i);
         let by_block: Vec<(usize, &[(usize, u32)])> = wanted
             .chunk_by(|(i, _), (j, _)| self.blocks[block_of(*i)].contains(j))
@@ -238,7 +241,8 @@ impl Close<'_> {
                 Ok(at_block(self.lit, &self.blocks[b], &members, |sight, emitters, sites| {
                     let mut volley = Volley::default();
                     let look = |(site, bits): (&Site, &u32)| {
-                        let look = Look { closely: *bits, around: self.around[b], error, most_samples: MOST_SAMPLES };
+                        let (closely, around) = (*bits, self.around[b]);
+                        let look = Look { closely, around, error, most_samples: MOST_SAMPLES, evenly };
                         examine(sight, emitters, site, look, &mut volley)
                     };
                     sites.iter().zip(&bits).map(look).collect()
@@ -334,6 +338,20 @@ fn emitters(lit: &Lit, sight: &Sight, block: &Range<usize>) -> Vec<Emitter> {
     let reach = |i: usize| patches.position[i].distance(centre) + (2.0 * patches.area[i]).sqrt();
     let widest = block.clone().map(reach).fold(0.0, f32::max);
     let first = patches.normal[block.start];
-    let normal = if block.clone().all(|i| patches.normal[i].dot(first) > ONE_WAY) { first } else { Vec3::ZERO };
+    let is_level = block.clone().all(|i| patches.normal[i].dot(first) > ONE_WAY) && !is_shown_round(lit, block);
+    let normal = if is_level { first } else { Vec3::ZERO };
     sight.emitters(centre, normal, widest)
+}
+
+/// True where some patch of a block is shown rounder than it is, so that it may be lit from below its own horizon.
+fn is_shown_round(lit: &Lit, block: &Range<usize>) -> bool {
+    let Lit { ground, params, .. } = *lit;
+    let mut last = NONE;
+    params.shading_normals
+        && block.clone().any(|i| {
+            let number = ground.patches.first_triangle(i);
+            let is_new = std::mem::replace(&mut last, number) != number;
+            let (surface, triangle) = ground.tracer.place(number);
+            is_new && Facet::new(ground.scene, surface, triangle).is_round()
+        })
 }

@@ -5,6 +5,7 @@ use super::delta::unshadowed;
 use super::direct::DirectParams;
 use super::polygon::{Polygon, Source};
 use super::receiver::{Evenness, Site};
+use super::terminator::origin;
 use super::tree::Cluster;
 use crate::color::{Rgb, luminance};
 use crate::contour::point_to_polygon;
@@ -138,18 +139,18 @@ impl Emitter {
     /// The kernel over the whole emitter without occluders, mean over the receiver, about the geometric and the shading normal:
     /// of polygons pi times the form factor, of delta lights the luminance. None of clusters.
     pub fn unoccluded(self, sight: &Sight, site: &Site) -> Option<[f32; 2]> {
-        let shading_normals = sight.params.shading_normals;
         match self {
             Self::Cluster(..) => None,
             Self::Polygon(p) => {
                 let polygon = &sight.lights.polygons.polygons[p];
                 let evenness = Evenness::From(site.nearest);
-                Some(site.mean(evenness, |point, _| form_factors(sight.tracer, polygon, point, shading_normals)))
+                Some(site.mean(evenness, |point, _| form_factors(sight.tracer, polygon, &sight.as_shown(point))))
             }
             Self::Delta(k) => {
                 let light = &sight.lights.delta[k];
                 let kernel = |point: &SurfacePoint, u| {
-                    unshadowed(sight.scene, light, point, u).map_or([0.0; 2], |(e, _)| e.map(luminance))
+                    unshadowed(sight.scene, light, &sight.as_shown(point), u)
+                        .map_or([0.0; 2], |(e, _)| e.map(luminance))
                 };
                 Some(site.mean(light.evenness(site.receiver.position, site.receiver.radius), kernel))
             }
@@ -160,6 +161,7 @@ impl Emitter {
     pub fn shot(self, sight: &Sight, point: &SurfacePoint, [s, t]: [f32; 2]) -> Option<Shot> {
         let Sight { scene, tracer, lights, .. } = *sight;
         let tree = &lights.polygons;
+        let point = &sight.as_shown(point);
         let to_polygon = |polygon: &Polygon, to: Vec3, area: f32| {
             let link = link(tracer, point, polygon, to);
             let kernel = [link.transport * area, link.shown * area];
@@ -171,12 +173,16 @@ impl Emitter {
                 Way::To(link.segment)
             };
             let shot = Shot { way, kernel, light: kernel.map(|k| radiance * k), is_light, shade: polygon.shade };
-            (link.transport > 0.0).then_some(shot)
+            (link.transport > 0.0 || link.shown > 0.0).then_some(shot)
         };
         match self {
             Self::Polygon(p) => {
                 let polygon = &tree.polygons[p];
-                let (to, area) = polygon.sample_above(point.position, point.normal, [s, t])?;
+                // What is below one of the horizons may be above the other.
+                let (to, area) = match point.shading == point.normal {
+                    true => polygon.sample_above(point.position, point.normal, [s, t])?,
+                    false => (polygon.sample([s, t]), polygon.area),
+                };
                 to_polygon(polygon, to, area)
             }
             Self::Cluster(n, _) => {
@@ -187,7 +193,7 @@ impl Emitter {
             Self::Delta(k) => {
                 let delta = &lights.delta[k];
                 let (light, arrival) = unshadowed(scene, delta, point, [s, t])?;
-                let from = tracer.off_surface(point.position, point.normal);
+                let from = origin(tracer, point);
                 let way = if arrival.distance.is_finite() {
                     Way::To(Segment { from, to: point.position + arrival.towards * arrival.distance })
                 } else {
@@ -200,12 +206,12 @@ impl Emitter {
 }
 
 /// pi times the form factor of a polygon about the geometric and the shading normal of a point.
-fn form_factors(tracer: &Tracer, polygon: &Polygon, point: &SurfacePoint, shading_normals: bool) -> [f32; 2] {
+fn form_factors(tracer: &Tracer, polygon: &Polygon, point: &SurfacePoint) -> [f32; 2] {
     if !polygon.lit.holds(point.surface) || !polygon.faces(point.position, tracer.offset()) {
         return [0.0; 2];
     }
     let f = PI * point_to_polygon(point.position, point.normal, &polygon.corners);
-    if shading_normals && point.shading != point.normal {
+    if point.shading != point.normal {
         [f, PI * point_to_polygon(point.position, point.shading, &polygon.corners)]
     } else {
         [f; 2]
@@ -234,10 +240,10 @@ pub fn link(tracer: &Tracer, point: &SurfacePoint, polygon: &Polygon, to: Vec3) 
     // The far end is moved off the emitter to the side that the receiver sees.
     let side = if polygon.normal.dot(towards) <= 0.0 { polygon.normal } else { -polygon.normal };
     Link {
-        segment: Segment { from: tracer.off_surface(point.position, point.normal), to: tracer.off_surface(to, side) },
+        segment: Segment { from: origin(tracer, point), to: tracer.off_surface(to, side) },
         towards,
         kernel,
         transport: kernel * cos,
-        shown: if cos > 0.0 { kernel * point.shading.dot(towards).max(0.0) } else { 0.0 },
+        shown: kernel * point.shading.dot(towards).max(0.0),
     }
 }

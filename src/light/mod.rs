@@ -17,6 +17,7 @@ pub mod receiver;
 mod shadow;
 pub mod sky;
 mod skylight;
+pub mod terminator;
 pub mod tree;
 
 pub use direct::{Direct, direct};

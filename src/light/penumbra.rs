@@ -4,10 +4,14 @@
 //! patch and those around it has a third of that noise, but blurs what is finer. How noisy each patch is follows from its samples,
 //! so what the differences to the plane have beyond that is detail, and is kept in proportion (Wiener 1949): a soft shadow comes
 //! out smooth with few rays, and the edge of a sharp one stays where it is.
+//!
+//! Buried patches have no light and say nothing. Patches that are partly buried lie at a wall or a contact, with other light beyond it:
+//! they are looked at once more in place of being smoothed.
 
 use super::receiver::Arriving;
 use crate::color::luminance;
-use crate::patch::Ground;
+use crate::patch::footprint::CellMask;
+use crate::patch::{Ground, unocclude::Exposure};
 use crate::plane::Plane;
 use glam::Vec2;
 use rayon::prelude::*;
@@ -47,13 +51,16 @@ struct Fit {
 
 impl Penumbra {
     /// From what arrives at patches, and the `variance` of each [lx^2] (luminance), 0 where there is no noise.
-    pub fn new(ground: &Ground, arriving: &[Arriving], variance: &[f32]) -> Self {
+    pub fn new(ground: &Ground, exposure: &Exposure, arriving: &[Arriving], variance: &[f32]) -> Self {
         let patches: Vec<u32> = (0..variance.len() as u32).filter(|&i| variance[i as usize] > 0.0).collect();
         let mut place = vec![CLEAR; variance.len()];
         patches.iter().enumerate().for_each(|(k, &i)| place[i as usize] = k as u32);
         let fits: Vec<Option<Fit>> =
-            patches.par_iter().map(|&i| Fit::new(ground, arriving, variance, i as usize)).collect();
+            patches.par_iter().map(|&i| Fit::new(ground, exposure, arriving, variance, i as usize)).collect();
         let kept = |(k, &i): (usize, &u32)| {
+            if exposure.cells[i as usize] != CellMask::ALL {
+                return 1.0;
+            }
             let around =
                 ground.neighbours(i as usize).map(|j| place[j]).filter(|&k| k != CLEAR).map(|k| (k as usize, 1.0));
             let (mut square, mut noise) = (0.0, 0.0);
@@ -67,10 +74,13 @@ impl Penumbra {
         Self { patches, fits, kept }
     }
 
-    /// Takes the noise out.
-    pub fn settle(&self, arriving: &mut [Arriving]) {
+    /// Takes the noise out of all but the patches `sharp`, in order, which have next to none.
+    pub fn settle(&self, sharp: &[(usize, u32)], arriving: &mut [Arriving]) {
         for ((&i, fit), kept) in self.patches.iter().zip(&self.fits).zip(&self.kept) {
             let Some(fit) = fit else { continue };
+            if sharp.binary_search_by_key(&(i as usize), |s| s.0).is_ok() {
+                continue;
+            }
             let own = &mut arriving[i as usize];
             own.transport = fit.value.transport.lerp(own.transport, *kept);
             own.shown = fit.value.shown.lerp(own.shown, *kept);
@@ -81,14 +91,15 @@ impl Penumbra {
 
 impl Fit {
     /// The plane through patch `i` and those around it; `None` where they are too few.
-    fn new(ground: &Ground, arriving: &[Arriving], variance: &[f32], i: usize) -> Option<Self> {
+    fn new(ground: &Ground, exposure: &Exposure, arriving: &[Arriving], variance: &[f32], i: usize) -> Option<Self> {
         let normals = &ground.patches.normal;
         let at = |i: usize| Vec2::from(ground.column_row(i).map(|c| c as f32));
         let near = |j: usize| {
             let d = at(j) - at(i);
             (j, if d.x == 0.0 || d.y == 0.0 { SIDE } else { CORNER }, d)
         };
-        let alike = ground.neighbours(i).filter(|&j| normals[j].dot(normals[i]) > ALIKE).map(near);
+        let is_alike = |j: &usize| !exposure.is_buried(*j) && normals[*j].dot(normals[i]) > ALIKE;
+        let alike = ground.neighbours(i).filter(is_alike).map(near);
         let mut all = [(i, 1.0, Vec2::ZERO); 9];
         let mut count = 1;
         for (slot, near) in all[1..].iter_mut().zip(alike) {

@@ -45,6 +45,8 @@ pub(super) struct Look {
     pub error: f32,
     /// Samples of each, at most.
     pub most_samples: u32,
+    /// Samples are whole powers of two, whose points are spread most evenly: for what is seen as it is.
+    pub evenly: bool,
 }
 
 /// Errors are relative to this share of all that would arrive unoccluded where that is more than what does arrive: deep in a
@@ -305,7 +307,8 @@ impl Examined {
 pub(super) fn examine(sight: &Sight, emitters: &[Emitter], site: &Site, look: Look, volley: &mut Volley) -> Examined {
     let mut found = Examined::default();
     let unoccluded: Vec<Option<[f32; 2]>> = emitters.iter().map(|e| e.unoccluded(sight, site)).collect();
-    let light = |emitter: Emitter, whole: Option<[f32; 2]>| whole.map_or(0.0, |w| w[0] * emitter.brightness(sight));
+    let light =
+        |emitter: Emitter, whole: Option<[f32; 2]>| whole.map_or(0.0, |w| w[0].max(w[1]) * emitter.brightness(sight));
     let total: f32 = emitters.iter().zip(&unoccluded).map(|(e, w)| light(*e, *w)).sum();
     let around = look.around.max(IN_THE_DARK * total);
     for (&emitter, &unoccluded) in emitters.iter().zip(&unoccluded) {
@@ -330,9 +333,10 @@ pub(super) fn examine(sight: &Sight, emitters: &[Emitter], site: &Site, look: Lo
             }
             tally.count = count;
             if is_close {
-                // The points of a whole power of two are spread most evenly.
-                let wanted = tally.wanted(light, around, look.error).min(look.most_samples as f32);
-                count = (wanted.ceil() as u32).next_multiple_of(CLOSE_SAMPLES).min(look.most_samples);
+                let wanted = tally.wanted(light, around, look.error).min(look.most_samples as f32).ceil() as u32;
+                let rounded =
+                    if look.evenly { wanted.next_power_of_two() } else { wanted.next_multiple_of(CLOSE_SAMPLES) };
+                count = rounded.min(look.most_samples);
             }
         }
         tally.arrive(unoccluded, &mut found.arriving);

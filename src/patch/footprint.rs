@@ -15,14 +15,26 @@ pub struct SurfacePoint {
     pub normal: Vec3,
     /// The interpolated normal where the mesh has normals, else the triangle's; unit, on the front's side.
     pub shading: Vec3,
+    /// Where it would lie on the round surface that the interpolated normals belong to [m]: as far as the mesh is convex there, in the
+    /// tangent planes of the corners (Hanika 2021, "Hacking the Shadow Terminator"); the point itself where it is flat.
+    pub rounded: Vec3,
     /// The surface that it lies on.
     pub surface: u32,
 }
 
 impl SurfacePoint {
     /// A point that is none.
-    pub const NOWHERE: Self =
-        Self { position: Vec3::ZERO, normal: Vec3::ZERO, shading: Vec3::ZERO, surface: super::NONE };
+    pub const NOWHERE: Self = Self::on(super::NONE, Vec3::ZERO, Vec3::ZERO);
+
+    /// A point of `surface` that is shown as flat as it is.
+    pub const fn on(surface: u32, position: Vec3, normal: Vec3) -> Self {
+        Self { position, normal, shading: normal, rounded: position, surface }
+    }
+
+    /// The same point without what interpolated normals say.
+    pub fn flat(self) -> Self {
+        Self::on(self.surface, self.position, self.normal)
+    }
 }
 
 /// A placed triangle, ready to be evaluated.
@@ -78,24 +90,24 @@ impl CellMask {
     pub const ALL: Self = Self(u16::MAX);
     pub const EMPTY: Self = Self(0);
 
-    /// Moves `u` into the allowed cells: they are numbered in order and shared evenly, the place within the cell is kept.
+    /// Moves `u` into the allowed cells, uniform over them: the cells of the square, each from left to right, are one long strip, which
+    /// is pressed together to the length of the allowed ones.
     fn place(self, u: [f32; 2]) -> [f32; 2] {
         if self == Self::ALL || self == Self::EMPTY {
             return u;
         }
-        let side = Self::SIDE as f32;
+        let (side, allowed) = (Self::SIDE as f32, self.0.count_ones());
         let x = (u[0] * side).min(side - 1e-3);
         let y = (u[1] * side).min(side - 1e-3);
-        let cell = y as u32 * Self::SIDE + x as u32;
-        let mut wanted = cell * self.0.count_ones() / 16;
+        let along = ((y as u32 * Self::SIDE) as f32 + x) * (allowed as f32 / 16.0);
+        let wanted = (along as u32).min(allowed - 1);
         let mut bits = self.0;
-        while wanted > 0 {
+        for _ in 0..wanted {
             bits &= bits - 1;
-            wanted -= 1;
         }
         let chosen = bits.trailing_zeros();
-        let within = |v: f32, c: u32| (c as f32 + v.fract()) / side;
-        [within(x, chosen % Self::SIDE), within(y, chosen / Self::SIDE)]
+        let within = |v: f32, c: u32| (c as f32 + v.min(1.0)) / side;
+        [within(along - wanted as f32, chosen % Self::SIDE), within(y.fract(), chosen / Self::SIDE)]
     }
 }
 
@@ -239,12 +251,29 @@ impl Facet {
             // A normal that points behind its own triangle says nothing about the front.
             n.try_normalize().filter(|n| n.dot(self.normal) > 0.0)
         });
-        SurfacePoint {
-            position: self.origin + self.edges[0] * at.x + self.edges[1] * at.y,
-            normal: self.normal,
-            shading: shading.unwrap_or(self.normal),
-            surface: self.surface as u32,
+        let position = self.origin + self.edges[0] * at.x + self.edges[1] * at.y;
+        let flat = SurfacePoint::on(self.surface as u32, position, self.normal);
+        match shading {
+            Some(shading) => SurfacePoint { shading, rounded: self.rounded(position, at), ..flat },
+            None => flat,
         }
+    }
+
+    /// The mean of a point's projections into the tangent planes of the corners that it lies below.
+    fn rounded(&self, position: Vec3, at: Vec2) -> Vec3 {
+        let Some(normals) = self.shading else { return position };
+        let corners = [self.origin, self.origin + self.edges[0], self.origin + self.edges[1]];
+        let weights = [1.0 - at.x - at.y, at.x, at.y];
+        let rise = |k: usize| {
+            let depth = (corners[k] - position).dot(normals[k]);
+            if normals[k].dot(self.normal) > 0.0 { normals[k] * (depth.max(0.0) * weights[k]) } else { Vec3::ZERO }
+        };
+        position + rise(0) + rise(1) + rise(2)
+    }
+
+    /// True where it is shown rounder than it is.
+    pub fn is_round(&self) -> bool {
+        self.shading.is_some()
     }
 }
 

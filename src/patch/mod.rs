@@ -4,6 +4,7 @@ pub mod block;
 mod clip;
 pub mod footprint;
 pub mod palette;
+mod probe;
 pub mod rasterize;
 pub mod reflectance;
 pub mod region;

@@ -101,7 +101,9 @@ impl<'a> Emitters<'a> {
         // By area, and by solid angle as the other strategy has it.
         let density = choice.probability / polygon.area;
         let weight = if is_surface {
-            let hemisphere = cosine_hemisphere_pdf(point.shading.dot(link.towards));
+            // Rays below the triangle's own horizon are not followed.
+            let is_above = point.normal.dot(link.towards) > 0.0;
+            let hemisphere = if is_above { cosine_hemisphere_pdf(point.shading.dot(link.towards)) } else { 0.0 };
             self.strategy.light_weight(density / link.kernel, hemisphere)
         } else {
             1.0
@@ -236,5 +238,5 @@ impl<'a> Emitters<'a> {
 
 /// Where a path's vertex chooses its polygon from.
 fn view(tracer: &Tracer, point: &SurfacePoint) -> Viewpoint {
-    Viewpoint { position: point.position, normal: point.normal, tolerance: tracer.offset() }
+    Viewpoint { position: point.position, normal: point.shading, tolerance: tracer.offset() }
 }

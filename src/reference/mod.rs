@@ -178,7 +178,7 @@ fn at_patch(
     footprint.restrict(exposure.cells[i]);
     let start = |_, u| {
         let point = footprint.sample(u);
-        if params.shading_normals { point } else { SurfacePoint { shading: point.normal, ..point } }
+        if params.shading_normals { point } else { point.flat() }
     };
     let batches = in_batches(tracer, Stage::Path, i, params.samples, start, progress)?;
     let b = batches.len() as f64;
@@ -240,7 +240,7 @@ pub fn trace_backs(
             }
             let start = |index, _| {
                 let point = elements.point(lit.ground, e, index);
-                SurfacePoint { shading: point.normal, ..point }
+                point.flat()
             };
             in_batches(&tracer, Stage::BackPath, e, params.samples, start, progress)
         })

@@ -173,7 +173,7 @@ impl<'a> PathTracer<'a> {
         let (surface, triangle) = self.lit.ground.tracer.place(hit.triangle);
         let point = Facet::new(self.lit.ground.scene, surface, triangle).point(Vec2::from(hit.barycentric));
         let normal = if hit.back { -point.normal } else { point.normal };
-        SurfacePoint { normal, shading: normal, ..point }
+        SurfacePoint { normal, ..point }.flat()
     }
 
     /// The albedo of the texel under a hit; `None` where nothing is sent back: on black backs and buried texels.

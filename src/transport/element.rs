@@ -263,7 +263,7 @@ impl Elements {
         }
         let mut point = if footprint.is_empty() {
             let (position, normal) = (ground.patches.position[patch], ground.patches.normal[patch]);
-            SurfacePoint { position, normal, shading: normal, surface: ground.patches.surface(patch) }
+            SurfacePoint::on(ground.patches.surface(patch), position, normal)
         } else {
             footprint.sample([x, y])
         };

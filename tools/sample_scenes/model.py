@@ -25,6 +25,7 @@ class Mesh:
     points: list[Vec3]
     faces: list[list[int]]
     uvs: list[tuple[float, float]] | None = None
+    double_sided: bool = False
 
     def normal(self, face: list[int]) -> Vec3:
         """The unit normal of a planar polygon (Newell)."""

@@ -32,7 +32,7 @@ def layer(comment: str, root: str, body: str, up_axis: str = "Y", extra: str = "
 
 
 def mesh(m: Mesh, materials: str) -> str:
-    """A single-sided polygon mesh, bound to `<materials>/<name>`."""
+    """A polygon mesh, bound to `<materials>/<name>`."""
     normals = [m.normal(face) for face in m.faces for _ in face]
     low = tuple(min(p[k] for p in m.points) for k in range(3))
     high = tuple(max(p[k] for p in m.points) for k in range(3))
@@ -40,7 +40,7 @@ def mesh(m: Mesh, materials: str) -> str:
     if m.uvs is not None:
         uvs = f'texCoord2f[] primvars:st = {list_of(m.uvs)} (\n    interpolation = "faceVarying"\n)\n'
     body = (
-        f"uniform bool doubleSided = 0\nfloat3[] extent = {list_of([low, high])}\n"
+        f"uniform bool doubleSided = {int(m.double_sided)}\nfloat3[] extent = {list_of([low, high])}\n"
         f"int[] faceVertexCounts = {list_of([len(f) for f in m.faces])}\n"
         f"int[] faceVertexIndices = {list_of([i for f in m.faces for i in f])}\n"
         f"rel material:binding = <{materials}/{m.material}>\n"

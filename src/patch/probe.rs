@@ -1,0 +1,370 @@
+//! A close look at the patches of one block: which cells of their footprints lie in the open.
+//!
+//! From each cell rays leave along cosine-distributed directions. A cell lies inside of something where all of them start inside.
+//! What a cell keeps is then cut to size where something begins or ends within the patch:
+//!
+//! - **Covered** is what something lies right above, nearer than a small part of the texel: a carpet, a box that all but touches the
+//!   floor. Nobody looks into such a crevice, and its darkness would show beside it.
+//! - **Partly** covered cells are left out where others are whole: they would bring a part of the darkness with them.
+//! - **Behind** a single-sided wall that parts the patch is what sees the wall's back on the way to the rest: the world outside of a
+//!   room, which nobody looks at from there.
+
+use super::footprint::CellMask;
+use super::{Cutter, Footprint, Ground};
+use crate::sample::sequence::{Sequence, Stage};
+use crate::sample::warp::{cosine_hemisphere, frame};
+use crate::trace::{Hit, Ray};
+use glam::Vec3;
+use std::ops::Range;
+
+/// Rays that a cell gets in all before it counts as buried; and those that do where they show the same in all cells of a block.
+const RAYS_A_CELL: u32 = 8;
+const RAYS_ALIKE: u32 = 2;
+
+/// Places of a cell from which something right above is looked for.
+const PLACES: u32 = 4;
+
+/// A gap narrower than this share of a texel's side is a crevice, unless it is wider than [`WIDEST_CREVICE`].
+const CREVICE: f32 = 1.0 / 8.0;
+
+/// A gap wider than this can be looked into [m].
+const WIDEST_CREVICE: f32 = 0.02;
+
+/// Patches of which less than this share lies in the open, without a whole cell, are filled from those around.
+const SLIVER: f32 = 1.0 / 8.0;
+
+/// What covers a place lies across its normal, by more than this cosine.
+const OPPOSITE: f32 = 0.5;
+
+/// A wall that parts a patch is seen from it nearer than this, in sides of the texel.
+const PARTING: f32 = 2.0;
+
+/// Height of sight lines between the cells of a patch, in sides of the texel: above crevices.
+const LIFT: f32 = 1.0 / 6.0;
+
+/// Cells at the corners, and those that others are looked at from: two of the middle beside them, one of which lies across any line that
+/// parts a patch.
+const CORNERS: [u32; 4] = [0, 3, 12, 15];
+const LOOKOUTS: [u32; 6] = [0, 3, 12, 15, 5, 10];
+
+/// Cells of a patch that face further apart than this cosine say nothing about what lies between them.
+const ALIKE: f32 = 0.9;
+
+/// What lies in the open of a patch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Opening {
+    /// The cells that may be sampled.
+    pub cells: CellMask,
+    /// The share of its area, 0..=1, that is in the open, that of partly covered cells among it.
+    pub share: f32,
+    /// Nothing of it is in the open, as it lies in crevices.
+    pub is_covered: bool,
+}
+
+impl Opening {
+    pub const ALL: Self = Self { cells: CellMask::ALL, share: 1.0, is_covered: false };
+
+    fn of(mask: u16) -> Self {
+        Self { cells: CellMask(mask), share: mask.count_ones() as f32 / 16.0, is_covered: false }
+    }
+}
+
+/// A ray from the place `u` of a footprint, along a cosine-distributed direction.
+pub(super) fn leave(ground: &Ground, footprint: &Footprint, u: [f32; 2], direction: [f32; 2]) -> Ray {
+    let point = footprint.sample(u);
+    let origin = ground.tracer.off_surface(point.position, point.normal);
+    Ray { origin, direction: frame(point.normal) * cosine_hemisphere(direction) }
+}
+
+/// The side of patch `i`'s texel on its surface [m].
+fn side(ground: &Ground, i: usize) -> f32 {
+    (ground.patches.area[i] / ground.patches.coverage[i].max(f32::MIN_POSITIVE)).sqrt()
+}
+
+/// True where a ray from patch `i` ends right above it, at something that faces it: there may be a crevice.
+pub(super) fn ends_in_crevice(ground: &Ground, i: usize, ray: &Ray, hit: &Hit) -> bool {
+    let depth = crevice(side(ground, i));
+    // No ray is shorter than its height, and few are not much longer.
+    let normal = ground.patches.normal[i];
+    hit.t * normal.dot(ray.direction) < depth && covers(ground, normal, hit)
+}
+
+fn crevice(side: f32) -> f32 {
+    (CREVICE * side).min(WIDEST_CREVICE)
+}
+
+/// True where what was hit faces a place with this normal, and doesn't shine on it.
+fn covers(ground: &Ground, normal: Vec3, hit: &Hit) -> bool {
+    let (surface, triangle) = ground.tracer.place(hit.triangle);
+    let [a, b, c] = ground.scene.world_triangle(surface, triangle);
+    let along = (b - a).cross(c - a).normalize_or_zero().dot(normal).abs();
+    along > OPPOSITE && !ground.scene.material(surface, triangle).is_emissive()
+}
+
+/// A patch that is probed.
+struct Probed {
+    footprint: Footprint,
+    sequence: Sequence,
+    /// The texel's side [m].
+    side: f32,
+    /// Cells from which something else than an inside is seen, and those from which something else than a black inside is.
+    open: u16,
+    lit: u16,
+    /// Some ray ended right above.
+    has_crevice: bool,
+    /// Some ray met a black back near by.
+    sees_wall: bool,
+}
+
+impl Probed {
+    fn at(&self, cell: u32, [x, y]: [f32; 2]) -> [f32; 2] {
+        let side = CellMask::SIDE as f32;
+        [((cell % 4) as f32 + x) / side, ((cell / 4) as f32 + y) / side]
+    }
+
+    fn ray(&self, ground: &Ground, cell: u32, index: u32) -> Ray {
+        let [x, y, du, dv] = self.sequence.point(index * 16 + cell, 0);
+        leave(ground, &self.footprint, self.at(cell, [x, y]), [du, dv])
+    }
+
+    fn record(&mut self, cell: u32, seen: Seen) {
+        self.open |= u16::from(seen == Seen::Open) << cell;
+        self.lit |= u16::from(seen != Seen::BlackInside) << cell;
+    }
+
+    /// True where nothing tells the cells apart.
+    fn is_alike(&self) -> bool {
+        self.open == 0 && (self.lit == 0 || self.lit == u16::MAX)
+    }
+
+    /// The first ray of each cell.
+    fn look_around(&mut self, ground: &Ground, traced: &mut u64) {
+        let rays: Vec<Ray> = (0..16).map(|cell| self.ray(ground, cell, 0)).collect();
+        let mut hits = vec![None; rays.len()];
+        ground.tracer.closest_solid(&rays, &mut hits);
+        *traced += 16;
+        let normal = self.footprint.sample([0.5; 2]).normal;
+        let depth = crevice(self.side);
+        for (ray, hit) in rays.iter().zip(&hits).filter_map(|(ray, hit)| Some((ray, hit.as_ref()?))) {
+            self.has_crevice |= hit.t * normal.dot(ray.direction) < depth && covers(ground, normal, hit);
+            self.sees_wall |= hit.t < PARTING * self.side && is_black_back(ground, hit);
+        }
+        // Many patches beside one that lies inside something see no back at all.
+        if !hits.iter().flatten().any(|h| h.back) {
+            self.open = u16::MAX;
+            return;
+        }
+        for (cell, (ray, hit)) in rays.iter().zip(hits).enumerate() {
+            self.record(cell as u32, look(ground, ray, hit, traced));
+        }
+    }
+
+    /// What is left after all rays.
+    fn opening(&self, ground: &Ground, traced: &mut u64) -> Opening {
+        if self.open == 0 {
+            return Opening::of(self.lit);
+        }
+        if self.open == u16::MAX && !self.has_crevice && !self.sees_wall {
+            return Opening::ALL;
+        }
+        let mut open = Opening::of(self.open);
+        if self.open != u16::MAX || self.has_crevice {
+            open = self.uncover(ground, traced);
+        }
+        if self.sees_wall && open.cells != CellMask::EMPTY {
+            let mask = self.in_front(ground, open.cells.0, traced);
+            let left = mask.count_ones() as f32 / open.cells.0.count_ones() as f32;
+            open = Opening { cells: CellMask(mask), share: open.share * left, ..open };
+        }
+        open
+    }
+
+    /// Leaves out of the open cells those that are covered, and partly covered ones where others are whole.
+    fn uncover(&self, ground: &Ground, traced: &mut u64) -> Opening {
+        let cells: Vec<u32> = (0..16).filter(|cell| self.open & (1 << cell) != 0).collect();
+        let up = |cell: &u32| {
+            let cell = *cell;
+            (0..PLACES).map(move |k| {
+                // The four quarters of the cell, each at its middle.
+                let place = [(k % 2) as f32 * 0.5 + 0.25, (k / 2) as f32 * 0.5 + 0.25];
+                let point = self.footprint.sample(self.at(cell, place));
+                let origin = ground.tracer.off_surface(point.position, point.normal);
+                Ray { origin, direction: point.normal }
+            })
+        };
+        let rays: Vec<Ray> = cells.iter().flat_map(up).collect();
+        let hits = nearest_of(ground, &rays, traced);
+        let (mut whole, mut part, mut free) = (self.open, self.open, 0);
+        let places = rays.chunks(PLACES as usize).zip(hits.chunks(PLACES as usize));
+        for (cell, (rays, hits)) in cells.into_iter().zip(places) {
+            let is_at_rim = around(cell) & !self.open != 0;
+            let mut crevices = 0;
+            for (ray, hit) in rays.iter().zip(hits) {
+                let is_crevice =
+                    hit.is_some_and(|hit| hit.t < crevice(self.side) && covers(ground, ray.direction, &hit));
+                crevices += u32::from(is_crevice);
+                let is_inside = match is_at_rim {
+                    true => look(ground, ray, *hit, traced) != Seen::Open,
+                    // What no ray has found overlapping solids around is inside of one at most.
+                    false => hit.is_some_and(|hit| hit.back),
+                };
+                if is_crevice || is_inside {
+                    whole &= !(1 << cell);
+                } else {
+                    free += 1;
+                }
+            }
+            if crevices == PLACES {
+                part &= !(1 << cell);
+            }
+        }
+        let share = free as f32 / (16 * PLACES) as f32;
+        match whole {
+            // Too little to be told from what covers the rest.
+            0 if free > 0 && share < SLIVER => Opening { is_covered: true, ..Opening::of(0) },
+            // A roof's back over all of the patch is no cover.
+            0 => Opening { is_covered: part == 0, ..Opening::of(part) },
+            _ => Opening { share, ..Opening::of(whole) },
+        }
+    }
+
+    /// Those of the cells `mask` that are behind no wall; all where that leaves none.
+    fn in_front(&self, ground: &Ground, mask: u16, traced: &mut u64) -> u16 {
+        let has = |cell: &u32| mask & (1 << cell) != 0;
+        let lookouts: Vec<u32> = LOOKOUTS.into_iter().filter(has).collect();
+        // A wall that comes right through lies between two of the corners.
+        let corners: Vec<u32> = CORNERS.into_iter().filter(has).collect();
+        if corners.len() == CORNERS.len() && self.behind(ground, &corners, &corners, traced) == 0 {
+            return mask;
+        }
+        let cells: Vec<u32> = (0..16).filter(has).collect();
+        let left = mask & !self.behind(ground, &cells, &lookouts, traced);
+        if left == 0 { mask } else { left }
+    }
+
+    /// Those of `cells` from which a black back stands before one of `others`, as a mask.
+    fn behind(&self, ground: &Ground, cells: &[u32], others: &[u32], traced: &mut u64) -> u16 {
+        let lifted = |cell: &u32| {
+            let point = self.footprint.sample(self.at(*cell, [0.5; 2]));
+            (point.position + point.normal * (LIFT * self.side), point.normal)
+        };
+        let others: Vec<(Vec3, Vec3)> = others.iter().map(lifted).collect();
+        let (mut rays, mut lines) = (Vec::new(), Vec::new());
+        for cell in cells {
+            let (origin, normal) = lifted(cell);
+            for (to, _) in others.iter().filter(|(_, other)| other.dot(normal) > ALIKE) {
+                let length = to.distance(origin);
+                if length > ground.tracer.offset() {
+                    rays.push(Ray { origin, direction: (*to - origin) / length });
+                    lines.push((*cell, length));
+                }
+            }
+        }
+        let hits = nearest_of(ground, &rays, traced);
+        let is_behind = |hit: Option<Hit>, length: f32| hit.is_some_and(|h| h.t < length && is_black_back(ground, &h));
+        let behind = lines.into_iter().zip(hits).filter(|((_, length), hit)| is_behind(*hit, *length));
+        behind.fold(0, |mask, ((cell, _), _)| mask | 1 << cell)
+    }
+}
+
+/// The cell and those that touch it, as a mask.
+fn around(cell: u32) -> u16 {
+    let (x, y) = (cell % CellMask::SIDE, cell / CellMask::SIDE);
+    let near = |a: u32, b: u32| a.abs_diff(b) <= 1;
+    let touches = |other: &u32| near(other % CellMask::SIDE, x) && near(other / CellMask::SIDE, y);
+    (0..16).filter(touches).fold(0, |mask, other| mask | 1 << other)
+}
+
+/// What lies open of the patches of one block; counts the rays in `traced`.
+pub(super) fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mut u64) -> Vec<Opening> {
+    let mut cutter = Cutter::new(ground);
+    let patch = |i: usize| Probed {
+        footprint: cutter.footprint(i),
+        sequence: Sequence::new(seed, Stage::Unocclude, i as u64),
+        side: side(ground, i),
+        open: 0,
+        lit: 0,
+        has_crevice: false,
+        sees_wall: false,
+    };
+    let mut patches: Vec<Probed> = block.map(patch).collect();
+    for patch in &mut patches {
+        if patch.footprint.is_empty() {
+            patch.open = u16::MAX;
+            continue;
+        }
+        patch.look_around(ground, traced);
+    }
+    for index in 1..RAYS_A_CELL {
+        if index >= RAYS_ALIKE && patches.iter().all(Probed::is_alike) {
+            break;
+        }
+        for patch in &mut patches {
+            let closed = !patch.open;
+            for cell in (0..16).filter(|cell| closed & (1 << cell) != 0) {
+                let ray = patch.ray(ground, cell, index);
+                let hit = nearest(ground, &ray, traced);
+                patch.record(cell, look(ground, &ray, hit, traced));
+            }
+        }
+    }
+    patches.iter().map(|patch| patch.opening(ground, traced)).collect()
+}
+
+fn nearest(ground: &Ground, ray: &Ray, traced: &mut u64) -> Option<Hit> {
+    nearest_of(ground, std::slice::from_ref(ray), traced)[0]
+}
+
+fn nearest_of(ground: &Ground, rays: &[Ray], traced: &mut u64) -> Vec<Option<Hit>> {
+    let mut hits = vec![None; rays.len()];
+    ground.tracer.closest_solid(rays, &mut hits);
+    *traced += rays.len() as u64;
+    hits
+}
+
+/// True at the back of something single-sided.
+fn is_black_back(ground: &Ground, hit: &Hit) -> bool {
+    let (surface, triangle) = ground.tracer.place(hit.triangle);
+    hit.back && !ground.scene.material(surface, triangle).double_sided
+}
+
+/// What a ray says about where it starts.
+#[derive(PartialEq)]
+enum Seen {
+    /// In the open.
+    Open,
+    /// Inside something double-sided.
+    Inside,
+    /// Inside something single-sided.
+    BlackInside,
+}
+
+/// A ray that first meets a back starts inside. So does one that leaves more solids than it enters: solids that overlap or touch,
+/// as the walls of a room at its corners, show each other's fronts inside.
+fn look(ground: &Ground, ray: &Ray, hit: Option<Hit>, traced: &mut u64) -> Seen {
+    let is_double_sided = |number: u32| {
+        let (surface, triangle) = ground.tracer.place(number);
+        ground.scene.material(surface, triangle).double_sided
+    };
+    if let Some(hit) = hit.filter(|h| h.back) {
+        let (surface, triangle) = ground.tracer.place(hit.triangle);
+        let material = ground.scene.material(surface, triangle);
+        return match (material.double_sided, material.is_emissive()) {
+            (false, _) => Seen::BlackInside,
+            (true, false) => Seen::Inside,
+            // In front of a back that shines, as between a lamp and its ceiling, nothing is in the dark.
+            (true, true) => Seen::Open,
+        };
+    }
+    let (mut left, mut black) = (0, false);
+    ground.tracer.crossings(ray, |triangle, back| {
+        left += if back { 1 } else { -1 };
+        black |= back && !is_double_sided(triangle);
+    });
+    *traced += 1;
+    match (left > 0, black) {
+        (false, _) => Seen::Open,
+        (true, false) => Seen::Inside,
+        (true, true) => Seen::BlackInside,
+    }
+}
