@@ -194,7 +194,7 @@ fn paths(lit: &Lit, elements: Elements, settings: &Settings, dump: &Dump, progre
     let mut irradiance = traced.irradiance;
     if settings.denoise_params().filter != Denoise::Off {
         // Here the noise of direct light is known as well.
-        Scales::default().filter(lit, &mut direct, &mut direct_difference, &mut [], progress)?;
+        Scales::SINGLE.filter(lit, &mut direct, &mut direct_difference, &mut [], progress)?;
         irradiance = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
     }
     let transport = Arc::new(direct);

@@ -67,7 +67,7 @@ fn filtered(truth: impl Fn(&Lit, usize) -> f32, noise: f32) -> (Vec<f32>, Vec<f3
         let mut light: Vec<Rgb> = (0..n).map(|i| Rgb::splat(0.5 * (half(1, i) + half(2, i)))).collect();
         let mut difference: Vec<Rgb> = (0..n).map(|i| Rgb::splat(0.5 * (half(1, i) - half(2, i)))).collect();
         let noisy = light.iter().map(|v| v.x).collect();
-        Scales::default().filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
+        Scales::SINGLE.filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
         let border = (0..n).map(|i| lit.ground.neighbours(i).count() < 8).collect();
         (truth, noisy, light.iter().map(|v| v.x).collect(), border)
     })
@@ -110,7 +110,7 @@ fn even_light_stays_to_the_bit_whatever_the_noise() {
         let is_own = |i: usize| lit.ground.patches.surface(i) == 0;
         let mut light: Vec<Rgb> = (0..n).map(|i| if is_own(i) { even } else { other(i) }).collect();
         let mut difference: Vec<Rgb> = (0..n).map(|i| Rgb::splat(scatter(4, i))).collect();
-        Scales::default().filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
+        Scales::SINGLE.filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
         assert!((0..n).filter(|i| is_own(*i)).all(|i| light[i] == even));
         let found: Vec<f32> = light.iter().map(|v| v.x).collect();
         let spread = rms(&found, &vec![1.0; n], |i| !is_own(i));

@@ -11,7 +11,7 @@
 //! Rousselle, Knaus, Zwicker 2012): where noise is small against the detail, as at contact shadows, nothing happens. Filters weigh by
 //! geometry alone, so the estimate has no bias of choice.
 //!
-//! Cost: 25 texels a scale, three times over. Charts are islands: no texel looks at another chart, nor past buried texels.
+//! Cost: 25 texels a scale, twice over. Charts are islands: no texel looks at another chart, nor past buried texels.
 
 use crate::color::Rgb;
 use crate::error::Result;
@@ -30,28 +30,29 @@ const APART: f32 = 0.7;
 /// Slopes are held back by this share of the weights.
 const RIDGE: f32 = 1e-3;
 
-/// Squares are pooled over some thirty independent texels at most, and chance makes detail of noise: the noise is taken to be this
-/// much more.
-const CAUTION: f32 = 1.5;
-
 /// The filter.
 #[derive(Clone, Copy, Debug)]
 pub struct Scales {
     /// Scales; the k-th looks 2 x 2^k texels far.
     pub count: u32,
+    /// What noise is multiplied by before it is told from detail, 1 or more: squares are pooled over 25 texels at most, and chance makes
+    /// detail of noise.
+    pub caution: f32,
 }
 
-impl Default for Scales {
-    fn default() -> Self {
-        Self { count: 5 }
-    }
+impl Scales {
+    /// For texels that gather each on its own.
+    pub const SINGLE: Self = Self { count: 5, caution: 1.5 };
+    /// For texels read between blocks, which were smoothed: what noise is left is worth little detail.
+    pub const BLOCKS: Self = Self { count: 5, caution: 1.0 };
 }
 
-/// A texel of a neighbourhood, its weight and its place [texels].
+/// A texel of a neighbourhood, its weight, how far its normal agrees, and its place [texels].
 #[derive(Clone, Copy, Default)]
 struct Tap {
     patch: u32,
     weight: f32,
+    alike: f32,
     offset: Vec2,
 }
 
@@ -95,8 +96,9 @@ impl Scales {
                 reach = reach.doubled();
             }
             let (smooth, squares) = planes(&reach, &values);
-            let squares = pool(&reach, &pool(&reach, &squares));
-            let lost = |[whole, noise]: &[f32; 2]| if *whole > 0.0 { (CAUTION * noise / whole).min(1.0) } else { 0.0 };
+            let squares = pool(&reach, &squares);
+            let lost =
+                |[whole, noise]: &[f32; 2]| if *whole > 0.0 { (self.caution * noise / whole).min(1.0) } else { 0.0 };
             let lost: Vec<f32> = squares.par_iter().map(lost).collect();
             for (k, target) in targets.iter_mut().enumerate() {
                 let (value, smooth) = (&values[k], &smooth[k]);
@@ -166,17 +168,17 @@ fn planes(reach: &Reach, values: &[Vec<Rgb>]) -> (Vec<Vec<Rgb>>, Vec<[f32; 2]>) 
     ((0..width).map(column).collect(), squares)
 }
 
-/// Means over each texel's neighbourhood.
+/// Means over each texel's neighbourhood, all of it alike.
 fn pool(reach: &Reach, squares: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let mean = |i: usize| {
         let taps = reach.taps(i);
         let (mut sums, mut weights) = ([0.0f32; 2], 0.0);
         for tap in &taps.list[..taps.count] {
             let square = squares[tap.patch as usize];
-            sums = [sums[0] + tap.weight * square[0], sums[1] + tap.weight * square[1]];
-            weights += tap.weight;
+            sums = [sums[0] + tap.alike * square[0], sums[1] + tap.alike * square[1]];
+            weights += tap.alike;
         }
-        sums.map(|sum| if weights > 0.0 { sum / weights } else { 0.0 })
+        sums.map(|sum| sum / weights)
     };
     (0..squares.len()).into_par_iter().with_min_len(256).map(mean).collect()
 }
@@ -232,7 +234,7 @@ impl<'a> Reach<'a> {
     /// The texels around patch `i` that have something to say about it.
     fn taps(&self, i: usize) -> Taps {
         let mut taps = Taps { list: [Tap::default(); 25], count: 1 };
-        taps.list[0] = Tap { patch: i as u32, weight: SPLINE[0] * SPLINE[0], offset: Vec2::ZERO };
+        taps.list[0] = Tap { patch: i as u32, weight: SPLINE[0] * SPLINE[0], alike: 1.0, offset: Vec2::ZERO };
         let patches = self.lit.ground.patches;
         let page = patches.page(i) as usize;
         let width = i64::from(self.lit.ground.atlas.pages[page][0]);
@@ -247,7 +249,7 @@ impl<'a> Reach<'a> {
             let alike = ((patches.normal[j].dot(normal) - APART) / (1.0 - APART)).clamp(0.0, 1.0);
             if alike > 0.0 {
                 let weight = SPLINE[step.x.unsigned_abs() as usize] * SPLINE[step.y.unsigned_abs() as usize] * alike;
-                taps.list[taps.count] = Tap { patch: j as u32, weight, offset: offset.as_vec2() };
+                taps.list[taps.count] = Tap { patch: j as u32, weight, alike, offset: offset.as_vec2() };
                 taps.count += 1;
             }
         }
