@@ -398,8 +398,8 @@ pub struct ResultArgs {
     /// The normal that E is about: the interpolated one where authored, or the triangle's [default: shading]
     #[arg(long, value_name = "WHICH", value_parser = PossibleValuesParser::new(["shading", "geometric"]))]
     pub normals: Option<String>,
-    /// What takes noise out, within each chart: auto: builtin where texels gather on their own, nothing more where blocks do;
-    /// builtin; oidn: Open Image Denoise 2, whose library must be there; off [default: auto]
+    /// What takes noise out of light between surfaces, within each chart: builtin; oidn: Open Image Denoise 2, whose library must be
+    /// there; off; auto: builtin, but paths stay as they are [default: auto]
     #[arg(long, value_name = "FILTER", value_parser = PossibleValuesParser::new(["auto", "builtin", "oidn", "off"]))]
     pub denoise: Option<String>,
     /// The library of Open Image Denoise, as LUMEL_OIDN names it [default: looked for by its usual names]

@@ -86,10 +86,12 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lights: &lights,
         params: &settings.direct_params(),
     };
-    let Found { direct, elements, solution, mut gathered, backs, exchanged, groups, left_out } =
+    let Found { direct, elements, solution, mut gathered, backs, exchanged, mut groups, left_out } =
         find(&lit, settings, &dump, progress)?;
 
+    let noisy = if groups.is_empty() { Vec::new() } else { gathered.irradiance.clone() };
     let denoised = denoise(&lit, &mut gathered, &settings.denoise_params(), progress)?;
+    groups.iter_mut().for_each(|group| group.follow(&noisy, &gathered.irradiance));
     if denoised.is_some() {
         dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
     }
@@ -317,7 +319,7 @@ fn paths(
     let mut irradiance = traced.irradiance;
     if settings.denoise_params().filter != Denoise::Off {
         // Here the noise of direct light is known as well.
-        Scales::default().filter(lit, &mut direct, &mut direct_difference, &mut [], progress)?;
+        Scales::SINGLE.filter(lit, &mut direct, &mut direct_difference, &mut [], progress)?;
         irradiance = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
     }
     let transport = Arc::new(direct);

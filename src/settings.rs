@@ -13,7 +13,7 @@ use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
-use crate::post::denoise::{Denoise, DenoiseParams};
+use crate::post::denoise::{Denoise, DenoiseParams, scales::Scales};
 use crate::post::layers::LayerParams;
 use crate::post::{Directional, LayerKind, Quantity, gutter::Gutter, seam::SeamMode};
 use crate::probe::ProbeParams;
@@ -497,15 +497,15 @@ impl Settings {
         }
     }
 
-    /// How noise is taken out, the filter chosen.
+    /// How noise is taken out, the filter chosen. Paths are the reference, and stay as they are unless a filter is named.
     pub fn denoise_params(&self) -> DenoiseParams {
-        let is_single = self.gather() == Gather::Final;
         let filter = match self.denoise {
-            Denoise::Auto if is_single => Denoise::Builtin,
-            Denoise::Auto => Denoise::Off,
+            Denoise::Auto if self.method == Method::Path => Denoise::Off,
+            Denoise::Auto => Denoise::Builtin,
             chosen => chosen,
         };
-        DenoiseParams { filter, library: self.oidn_library.clone() }
+        let scales = if self.gather() == Gather::Blocks { Scales::BLOCKS } else { Scales::SINGLE };
+        DenoiseParams { filter, scales, library: self.oidn_library.clone() }
     }
 
     /// The final gather's parameters.

@@ -67,7 +67,7 @@ fn filtered(truth: impl Fn(&Lit, usize) -> f32, noise: f32) -> (Vec<f32>, Vec<f3
         let mut light: Vec<Rgb> = (0..n).map(|i| Rgb::splat(0.5 * (half(1, i) + half(2, i)))).collect();
         let mut difference: Vec<Rgb> = (0..n).map(|i| Rgb::splat(0.5 * (half(1, i) - half(2, i)))).collect();
         let noisy = light.iter().map(|v| v.x).collect();
-        Scales::default().filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
+        Scales::SINGLE.filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
         let border = (0..n).map(|i| lit.ground.neighbours(i).count() < 8).collect();
         (truth, noisy, light.iter().map(|v| v.x).collect(), border)
     })
@@ -110,10 +110,11 @@ fn even_light_stays_to_the_bit_whatever_the_noise() {
         let is_own = |i: usize| lit.ground.patches.surface(i) == 0;
         let mut light: Vec<Rgb> = (0..n).map(|i| if is_own(i) { even } else { other(i) }).collect();
         let mut difference: Vec<Rgb> = (0..n).map(|i| Rgb::splat(scatter(4, i))).collect();
-        Scales::default().filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
+        Scales::SINGLE.filter(lit, &mut light, &mut difference, &mut [], &Silent).unwrap();
         assert!((0..n).filter(|i| is_own(*i)).all(|i| light[i] == even));
-        let spread = (0..n).filter(|i| !is_own(*i)).map(|i| (light[i].x - 1.0).abs()).fold(0.0, f32::max);
-        assert!(spread < 0.5, "{spread}");
+        let found: Vec<f32> = light.iter().map(|v| v.x).collect();
+        let spread = rms(&found, &vec![1.0; n], |i| !is_own(i));
+        assert!(spread < 0.2, "{spread}");
     });
 }
 
@@ -220,6 +221,11 @@ fn even_light_and_gradients_across_a_seam_stay() {
 #[test]
 fn hard_edges_other_surfaces_and_walls_stay() {
     let differ = |s: u32, _: Vec3| 1.0 + s as f32;
+    // Means by coverage are whole but for rounding.
+    let is_whole = |page: &PageImage| {
+        let covered = page.rgb.iter().zip(&page.coverage).filter(|(_, coverage)| **coverage > 0.0);
+        covered.map(|(v, _)| (v.x - v.x.round()).abs()).fold(0.0, f32::max) < 1e-6
+    };
     for (quads, mode, why) in [
         (hinge(60.0), SeamMode::All, "a hard edge"),
         (hinge(0.0), SeamMode::Surface, "two surfaces"),
@@ -227,12 +233,12 @@ fn hard_edges_other_surfaces_and_walls_stay() {
     ] {
         let (pages, gaps, _) = finished(&quads, mode, differ);
         assert_eq!(gaps, [0.0; 2], "{why}");
-        assert!(pages[0].rgb.iter().all(|v| [0.0, 1.0, 2.0].contains(&v.x)), "{why}");
+        assert!(is_whole(&pages[0]), "{why}");
     }
     // A wall stands on the seam: the floors on its sides lie in two rooms.
     let wall = Quad::new([0., 0., 0.], [0., 0., 1.], [0., 1., 0.]).double_sided();
     let (pages, ..) = finished(&[hinge(0.0), vec![wall]].concat(), SeamMode::All, differ);
-    assert!(pages[0].rgb.iter().all(|v| v.x.fract() == 0.0));
+    assert!(is_whole(&pages[0]));
 }
 
 #[test]

@@ -88,7 +88,7 @@ fn at_site(
         return sum;
     }
     let error = GRAIN * sight.params.shadow_error;
-    let look = Look { closely: u32::MAX, around, error, most_samples: MOST_ARRIVING };
+    let look = Look { closely: u32::MAX, around, error, most_samples: MOST_ARRIVING, evenly: false };
     for (emitter, beam) in &beams {
         let arriving = examine(sight, &[*emitter], site, look, volley).arriving.transport;
         sum.add_beam(beam, arriving);

@@ -4,7 +4,8 @@
 //! samples tell is detail, the rest is noise ([`scales`]). Intel's Open Image Denoise, where its library is present and asked for,
 //! knows what lightmaps look like instead ([`oidn`]). Neither looks across the border of a chart.
 //!
-//! Light by blocks ([`crate::blocks`]) was smoothed in the same manner while it was solved, and knows its noise by block.
+//! Light by blocks ([`crate::blocks`]) was smoothed in the same manner while it was solved, block by block; between blocks and
+//! over wider stretches more can be told from noise.
 
 pub mod oidn;
 pub mod scales;
@@ -22,7 +23,7 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Denoise {
-    /// [`Denoise::Builtin`] where texels gather on their own; nothing more where blocks, which are smooth already, gather.
+    /// [`Denoise::Builtin`]; none for paths, the reference.
     #[default]
     Auto,
     /// The filter of this module.
@@ -34,9 +35,11 @@ pub enum Denoise {
 }
 
 /// What is asked for.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct DenoiseParams {
     pub filter: Denoise,
+    /// The built-in filter, where it is the one.
+    pub scales: Scales,
     /// The library of Open Image Denoise; none: looked for by its usual names.
     pub library: Option<PathBuf>,
 }
@@ -71,7 +74,7 @@ pub fn denoise(
     let straight: Vec<Rgb> = gathered.irradiance.iter().zip(&gathered.indirect).map(|(e, i)| *e - *i).collect();
     let before = noise(lit, gathered);
     let Gathered { indirect, difference, sky, parts, .. } = gathered;
-    let mut rest: Vec<&mut Vec<Rgb>> = std::iter::once(sky).chain(parts).filter(|part| !part.is_empty()).collect();
+    let mut rest: Vec<&mut Vec<Rgb>> = std::iter::once(sky).chain(parts).filter(|part| has_light(part)).collect();
     let mut report = DenoiseReport { filter: "builtin".into(), before: 100.0 * before, after: None };
     match params.filter {
         Denoise::Oidn => {
@@ -82,7 +85,7 @@ pub fn denoise(
                 library.filter(lit, part, progress)?;
             }
         }
-        _ => Scales::default().filter(lit, indirect, difference, &mut rest, progress)?,
+        _ => params.scales.filter(lit, indirect, difference, &mut rest, progress)?,
     }
     gathered.irradiance.iter_mut().zip(straight).zip(&gathered.indirect).for_each(|((e, s), i)| *e = s + *i);
     if params.filter != Denoise::Oidn {
@@ -91,6 +94,10 @@ pub fn denoise(
         report.after = Some(100.0 * gathered.noise);
     }
     Ok(Some(report))
+}
+
+fn has_light(part: &[Rgb]) -> bool {
+    part.iter().any(|v| *v != Rgb::ZERO)
 }
 
 /// Standard error of the gathered light, root mean square over mean irradiance (luminance).

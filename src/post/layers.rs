@@ -26,6 +26,15 @@ pub struct Group {
     pub irradiance: Vec<Rgb>,
 }
 
+impl Group {
+    /// Follows the whole, of which it is a part, from the irradiance `from` to `to`, texel by texel and channel by channel.
+    pub fn follow(&mut self, from: &[Rgb], to: &[Rgb]) {
+        for ((own, from), to) in self.irradiance.iter_mut().zip(from).zip(to) {
+            *own *= Rgb::select(from.cmpgt(Rgb::ZERO), *to / *from, Rgb::ONE);
+        }
+    }
+}
+
 /// The light that layers are made of.
 #[derive(Clone, Copy)]
 pub struct Sources<'a> {

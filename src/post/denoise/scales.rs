@@ -7,18 +7,18 @@
 //!
 //! With A and B the means of two independent halves of the samples, each scale's filter is linear, so that of the detail of
 //! (A + B) / 2 and of (A - B) / 2 the first holds light and noise, the second the same noise alone. Their squares, pooled over the
-//! neighbourhood, tell the share of the detail that is light, and so much of it is kept (Wiener 1949; the two halves as in
+//! neighbourhood, tell the share of the detail that is light, and about so much of it is kept (Wiener 1949; the two halves as in
 //! Rousselle, Knaus, Zwicker 2012): where noise is small against the detail, as at contact shadows, nothing happens. Filters weigh by
 //! geometry alone, so the estimate has no bias of choice.
 //!
-//! Cost: 25 texels a scale, three times. Charts are islands: no texel looks at another chart, nor past buried texels.
+//! Cost: 25 texels a scale, twice over. Charts are islands: no texel looks at another chart, nor past buried texels.
 
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::light::Lit;
 use crate::plane::Plane;
 use crate::progress::Progress;
-use glam::{IVec2, Vec2, Vec3};
+use glam::{DVec3, IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 /// The cubic B-spline's weights at 0, 1 and 2.
@@ -35,19 +35,24 @@ const RIDGE: f32 = 1e-3;
 pub struct Scales {
     /// Scales; the k-th looks 2 x 2^k texels far.
     pub count: u32,
+    /// What noise is multiplied by before it is told from detail, 1 or more: squares are pooled over 25 texels at most, and chance makes
+    /// detail of noise.
+    pub caution: f32,
 }
 
-impl Default for Scales {
-    fn default() -> Self {
-        Self { count: 5 }
-    }
+impl Scales {
+    /// For texels that gather each on its own.
+    pub const SINGLE: Self = Self { count: 5, caution: 1.5 };
+    /// For texels read between blocks, which were smoothed: what noise is left is worth little detail.
+    pub const BLOCKS: Self = Self { count: 5, caution: 1.0 };
 }
 
-/// A texel of a neighbourhood, its weight and its place [texels].
+/// A texel of a neighbourhood, its weight, how far its normal agrees, and its place [texels].
 #[derive(Clone, Copy, Default)]
 struct Tap {
     patch: u32,
     weight: f32,
+    alike: f32,
     offset: Vec2,
 }
 
@@ -55,6 +60,14 @@ struct Tap {
 struct Taps {
     list: [Tap; 25],
     count: usize,
+}
+
+/// Which texels see one another at a scale.
+struct Reach<'a> {
+    lit: &'a Lit<'a>,
+    scale: u32,
+    /// By patch: bit k stands for the step (k % 5 - 2, k / 5 - 2).
+    open: Vec<u32>,
 }
 
 impl Scales {
@@ -75,11 +88,17 @@ impl Scales {
         values.extend(parts.iter().map(|part| (**part).clone()));
         let mut targets: Vec<&mut Vec<Rgb>> = vec![light, difference];
         targets.extend(parts.iter_mut().map(|part| &mut **part));
+        let whole: Vec<Rgb> = targets[0].clone();
+        let mut reach = Reach::new(lit);
         for scale in 0..self.count {
             progress.check()?;
-            let (smooth, squares) = planes(lit, &values, scale);
-            let squares = pool(lit, &pool(lit, &squares, scale), scale);
-            let lost = |[whole, noise]: &[f32; 2]| if *whole > 0.0 { (noise / whole).min(1.0) } else { 0.0 };
+            if scale > 0 {
+                reach = reach.doubled();
+            }
+            let (smooth, squares) = planes(&reach, &values);
+            let squares = pool(&reach, &squares);
+            let lost =
+                |[whole, noise]: &[f32; 2]| if *whole > 0.0 { (self.caution * noise / whole).min(1.0) } else { 0.0 };
             let lost: Vec<f32> = squares.par_iter().map(lost).collect();
             for (k, target) in targets.iter_mut().enumerate() {
                 let (value, smooth) = (&values[k], &smooth[k]);
@@ -88,18 +107,41 @@ impl Scales {
             values = smooth;
         }
         targets[0].par_iter_mut().for_each(|v| *v = v.max(Vec3::ZERO));
+        give_back(lit, &whole, &mut targets);
         Ok(())
     }
 }
 
-/// Planes through each texel's neighbourhood at `scale`, of all `values`; and the squares of what the first two leave over.
-fn planes(lit: &Lit, values: &[Vec<Rgb>], scale: u32) -> (Vec<Vec<Rgb>>, Vec<[f32; 2]>) {
-    let reach = (1u32 << scale) as f32;
+/// Ratios beyond which the light of a chart must have been all noise.
+const RATIO: [f32; 2] = [0.8, 1.25];
+
+/// Gives back to each chart what the filter took from its light in all, all of `targets` alike: peaks, which are noisy, lose more than
+/// hollows. The first of `targets` was `whole`, without bias.
+fn give_back(lit: &Lit, whole: &[Rgb], targets: &mut [&mut Vec<Rgb>]) {
+    let mut first = 0;
+    for chart in lit.ground.patches.chart.chunk_by(|a, b| a == b) {
+        let range = first..first + chart.len();
+        first = range.end;
+        let flux = |values: &[Rgb]| -> DVec3 {
+            range.clone().map(|i| values[i].as_dvec3() * f64::from(lit.exposure.area[i])).sum()
+        };
+        let (had, has) = (flux(whole), flux(targets[0]));
+        let ratio = DVec3::select(has.cmpgt(DVec3::ZERO), had / has.max(DVec3::splat(f64::MIN_POSITIVE)), DVec3::ONE);
+        let ratio = ratio.as_vec3().clamp(Vec3::splat(RATIO[0]), Vec3::splat(RATIO[1]));
+        if ratio != Vec3::ONE {
+            targets.iter_mut().for_each(|target| target[range.clone()].iter_mut().for_each(|v| *v *= ratio));
+        }
+    }
+}
+
+/// Planes through each texel's neighbourhood, of all `values`; and the squares of what the first two leave over.
+fn planes(reach: &Reach, values: &[Vec<Rgb>]) -> (Vec<Vec<Rgb>>, Vec<[f32; 2]>) {
+    let side = (1u32 << reach.scale) as f32;
     let shares = |i: usize| -> Taps {
-        let mut taps = Taps::new(lit, i, scale);
+        let mut taps = reach.taps(i);
         let mut plane = Plane::default();
         taps.list[..taps.count].iter().for_each(|tap| plane.add(tap.weight, tap.offset));
-        match plane.shares(RIDGE, reach) {
+        match plane.shares(RIDGE, side) {
             Some(shares) => {
                 taps.list[..taps.count].iter_mut().for_each(|tap| tap.weight = shares.of(tap.weight, tap.offset));
             }
@@ -126,60 +168,91 @@ fn planes(lit: &Lit, values: &[Vec<Rgb>], scale: u32) -> (Vec<Vec<Rgb>>, Vec<[f3
     ((0..width).map(column).collect(), squares)
 }
 
-/// Means over each texel's neighbourhood.
-fn pool(lit: &Lit, squares: &[[f32; 2]], scale: u32) -> Vec<[f32; 2]> {
+/// Means over each texel's neighbourhood, all of it alike.
+fn pool(reach: &Reach, squares: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let mean = |i: usize| {
-        let taps = Taps::new(lit, i, scale);
+        let taps = reach.taps(i);
         let (mut sums, mut weights) = ([0.0f32; 2], 0.0);
         for tap in &taps.list[..taps.count] {
             let square = squares[tap.patch as usize];
-            sums = [sums[0] + tap.weight * square[0], sums[1] + tap.weight * square[1]];
-            weights += tap.weight;
+            sums = [sums[0] + tap.alike * square[0], sums[1] + tap.alike * square[1]];
+            weights += tap.alike;
         }
-        sums.map(|sum| if weights > 0.0 { sum / weights } else { 0.0 })
+        sums.map(|sum| sum / weights)
     };
     (0..squares.len()).into_par_iter().with_min_len(256).map(mean).collect()
 }
 
-impl Taps {
-    /// The texels around patch `i` at `scale` that have something to say about it.
-    fn new(lit: &Lit, i: usize, scale: u32) -> Self {
-        let mut taps = Self { list: [Tap::default(); 25], count: 1 };
-        taps.list[0] = Tap { patch: i as u32, weight: SPLINE[0] * SPLINE[0], offset: Vec2::ZERO };
-        let (ground, patches) = (lit.ground, lit.ground.patches);
-        if lit.exposure.is_buried(i) {
-            return taps;
-        }
+/// The step of bit `k`.
+fn step(k: usize) -> IVec2 {
+    IVec2::new(k as i32 % 5 - 2, k as i32 / 5 - 2)
+}
+
+/// The bit of the texel itself.
+const OWN: usize = 12;
+
+impl<'a> Reach<'a> {
+    /// The finest scale: texels of one chart, with no gap and nothing buried between them.
+    fn new(lit: &'a Lit<'a>) -> Self {
+        let mut reach = Self { lit, scale: 0, open: Vec::new() };
+        let mask = |i: usize| {
+            let is_open = |k: &usize| {
+                let (to, halfway) = (step(*k), step(*k) / 2);
+                *k != OWN && reach.at(i, to).is_some() && (halfway == IVec2::ZERO || reach.at(i, halfway).is_some())
+            };
+            (0..25).filter(is_open).map(|k| 1 << k).sum()
+        };
+        let open = (0..lit.ground.patches.len()).into_par_iter().map(mask).collect();
+        reach.open = open;
+        reach
+    }
+
+    /// The scale above: a step of it is two of this one in a row.
+    fn doubled(&self) -> Self {
+        let mask = |i: usize| {
+            let is_open = |k: &usize| {
+                let here = self.open[i] >> k & 1 == 1;
+                here && self.at(i, step(*k) << self.scale).is_some_and(|j| self.open[j] >> k & 1 == 1)
+            };
+            (0..25).filter(is_open).map(|k| 1 << k).sum()
+        };
+        let open = (0..self.open.len()).into_par_iter().map(mask).collect();
+        Self { lit: self.lit, scale: self.scale + 1, open }
+    }
+
+    /// The patch by `offset` from patch `i`, if it is of the same chart and neither is buried.
+    fn at(&self, i: usize, offset: IVec2) -> Option<usize> {
+        let (ground, patches) = (self.lit.ground, self.lit.ground.patches);
         let page = patches.page(i) as usize;
         let [width, height] = ground.atlas.pages[page].map(|n| n as i32);
-        let here = IVec2::from(ground.column_row(i).map(|c| c as i32));
-        let at = |p: IVec2| {
-            let is_on = p.x >= 0 && p.y >= 0 && p.x < width && p.y < height;
-            let patch = if is_on { patches.at(page, (p.y * width + p.x) as usize) } else { None };
-            patch.filter(|&j| patches.chart[j] == patches.chart[i] && !lit.exposure.is_buried(j))
-        };
-        for k in (0..25).filter(|k| *k != 12) {
-            let step = IVec2::new(k % 5 - 2, k / 5 - 2);
-            let offset = step * (1 << scale);
-            let Some(j) = at(here + offset) else { continue };
-            let alike = ((patches.normal[j].dot(patches.normal[i]) - APART) / (1.0 - APART)).clamp(0.0, 1.0);
-            if alike == 0.0 || !is_joined(here, offset, &at) {
-                continue;
+        let p = IVec2::from(ground.column_row(i).map(|c| c as i32)) + offset;
+        let is_on = p.x >= 0 && p.y >= 0 && p.x < width && p.y < height && !self.lit.exposure.is_buried(i);
+        let patch = if is_on { patches.at(page, (p.y * width + p.x) as usize) } else { None };
+        patch.filter(|&j| patches.chart[j] == patches.chart[i] && !self.lit.exposure.is_buried(j))
+    }
+
+    /// The texels around patch `i` that have something to say about it.
+    fn taps(&self, i: usize) -> Taps {
+        let mut taps = Taps { list: [Tap::default(); 25], count: 1 };
+        taps.list[0] = Tap { patch: i as u32, weight: SPLINE[0] * SPLINE[0], alike: 1.0, offset: Vec2::ZERO };
+        let patches = self.lit.ground.patches;
+        let page = patches.page(i) as usize;
+        let width = i64::from(self.lit.ground.atlas.pages[page][0]);
+        let (own, normal) = (i64::from(patches.texel(i)[1]), patches.normal[i]);
+        let mut open = self.open[i];
+        while open != 0 {
+            let step = step(open.trailing_zeros() as usize);
+            open &= open - 1;
+            let offset = step << self.scale;
+            let texel = own + i64::from(offset.y) * width + i64::from(offset.x);
+            let Some(j) = patches.at(page, texel as usize) else { continue };
+            let alike = ((patches.normal[j].dot(normal) - APART) / (1.0 - APART)).clamp(0.0, 1.0);
+            if alike > 0.0 {
+                let weight = SPLINE[step.x.unsigned_abs() as usize] * SPLINE[step.y.unsigned_abs() as usize] * alike;
+                taps.list[taps.count] = Tap { patch: j as u32, weight, alike, offset: offset.as_vec2() };
+                taps.count += 1;
             }
-            let weight = SPLINE[step.x.unsigned_abs() as usize] * SPLINE[step.y.unsigned_abs() as usize] * alike;
-            taps.list[taps.count] = Tap { patch: j as u32, weight, offset: offset.as_vec2() };
-            taps.count += 1;
         }
         taps
     }
-}
-
-/// True where the texels on the way from `here` by `offset` are of the chart, too.
-fn is_joined(here: IVec2, offset: IVec2, at: &impl Fn(IVec2) -> Option<usize>) -> bool {
-    let steps = offset.abs().max_element();
-    (1..steps).all(|step| {
-        // Rounded to the nearest texel.
-        let p = here + (2 * offset * step + steps).div_euclid(IVec2::splat(2 * steps));
-        at(p).is_some()
-    })
 }

@@ -127,6 +127,9 @@ fn border(lit: &Lit, s: usize, t: usize, k: usize) -> Option<Border> {
     })
 }
 
+/// Side of a cell over the mean length of edges.
+const CELL: f64 = 0.125;
+
 /// Edges by the cells of space that they pass through.
 pub struct Grid {
     cell: f32,
@@ -134,14 +137,15 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Sorts `borders` into cells of about their mean length.
+    /// Sorts `borders` into cells of [`CELL`] times their mean length.
     pub fn new(borders: &[Border]) -> Self {
         let total: f64 = borders.iter().map(|b| f64::from(b.ends[0].distance(b.ends[1]))).sum();
         let widest = borders.iter().map(|b| b.texel).fold(0.0, f32::max);
         let largest = borders.iter().flat_map(|b| b.ends).map(|p| p.abs().max_element()).fold(0.0, f32::max);
-        // Cells must hold what touches, and be counted in whole numbers.
+        // Cells must hold what touches, and be counted in whole numbers; long edges pass through many, so that small ones have few beside
+        // them.
         let least = (4.0 * TOUCHING * widest).max(largest * 1e-6).max(f32::MIN_POSITIVE);
-        let cell = ((2.0 * total / borders.len().max(1) as f64) as f32).max(least);
+        let cell = ((CELL * total / borders.len().max(1) as f64) as f32).max(least);
         let mut edges: HashMap<IVec3, Vec<u32>> = HashMap::new();
         for (e, border) in borders.iter().enumerate() {
             let steps = (2.0 * border.ends[0].distance(border.ends[1]) / cell).ceil().max(1.0) as usize;
