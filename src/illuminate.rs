@@ -88,6 +88,9 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     if denoised.is_some() {
         dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
     }
+    if exchanged.is_some() && settings.layers.is_empty() {
+        (gathered.indirect, gathered.difference) = (Vec::new(), Vec::new());
+    }
     progress.begin("post", 0);
     // What doesn't cast is black as a source, but has its own look on the pages.
     let looks = match scene.surfaces.iter().all(|s| s.role.casts) {
