@@ -95,6 +95,9 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     if denoised.is_some() {
         dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
     }
+    if exchanged.is_some() && settings.layers.is_empty() {
+        (gathered.indirect, gathered.difference) = (Vec::new(), Vec::new());
+    }
     // Lights that the engine adds are not among those that are seen, but what surfaces send back of them is.
     let left_out = left_out.as_deref();
     let is_baked = |shining: Shining| shining.contribution(scene).mode() == BakeMode::Baked;

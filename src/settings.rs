@@ -492,7 +492,8 @@ impl Settings {
             time: self.time_budget,
             max_bounces: self.max_bounces,
             residual: RESIDUAL,
-            layers: !self.layers.is_empty() || self.denoise_params().filter != Denoise::Off,
+            layers: !self.layers.is_empty(),
+            halves: self.denoise_params().filter != Denoise::Off,
             seed: self.seed,
         }
     }

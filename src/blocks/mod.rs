@@ -53,6 +53,8 @@ pub struct BlockParams {
     pub residual: f64,
     /// Whether the sky's part and the standard error of each texel are wanted.
     pub layers: bool,
+    /// Whether the gathered part of the light and the difference of its halves are wanted of each texel, as filters need them.
+    pub halves: bool,
     pub seed: u32,
 }
 
@@ -298,13 +300,14 @@ impl<'a> Run<'a> {
 fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Gathered {
     let n = direct.shown.len();
     let responses = kept_means(field, smoothed.responses, normal);
-    let none = || if field.params.layers { vec![Rgb::ZERO; n] } else { Vec::new() };
+    let (layers, halves) = (field.params.layers, field.params.halves || field.params.layers);
+    let none = |wanted: bool| if wanted { vec![Rgb::ZERO; n] } else { Vec::new() };
     let mut gathered = Gathered {
         irradiance: direct.shown.to_vec(),
-        standard_error: none(),
-        difference: none(),
-        indirect: none(),
-        sky: none(),
+        standard_error: none(layers),
+        difference: none(halves),
+        indirect: none(halves),
+        sky: none(layers),
         parts: Vec::new(),
         groups: Vec::new(),
         moments: Vec::new(),
@@ -319,11 +322,13 @@ fn show_all(field: &Field, direct: &Direct, smoothed: Smoothed, normal: &(dyn Fn
         if field.lit.ground.casts(i) {
             gathered.sky_inflow += respond::sky(values).as_dvec3() * field.lit.exposure.taking_area(i);
         }
-        if field.params.layers {
-            let b = field.blocks.front_of[i] as usize;
-            gathered.standard_error[i] = Rgb::splat(smoothed.error[b].max(0.0).sqrt());
+        if halves {
             gathered.difference[i] = Rgb::splat(values[DIFFERENCE]);
             gathered.indirect[i] = respond::irradiance(values);
+        }
+        if layers {
+            let b = field.blocks.front_of[i] as usize;
+            gathered.standard_error[i] = Rgb::splat(smoothed.error[b].max(0.0).sqrt());
             gathered.sky[i] = respond::sky(values);
         }
     });

@@ -71,8 +71,8 @@ pub fn denoise(
         return Ok(None);
     }
     progress.begin("denoise", 0);
-    let straight: Vec<Rgb> = gathered.irradiance.iter().zip(&gathered.indirect).map(|(e, i)| *e - *i).collect();
     let before = noise(lit, gathered);
+    gathered.irradiance.iter_mut().zip(&gathered.indirect).for_each(|(e, i)| *e -= *i);
     let Gathered { indirect, difference, sky, parts, .. } = gathered;
     let mut rest: Vec<&mut Vec<Rgb>> = std::iter::once(sky).chain(parts).filter(|part| has_light(part)).collect();
     let mut report = DenoiseReport { filter: "builtin".into(), before: 100.0 * before, after: None };
@@ -87,9 +87,11 @@ pub fn denoise(
         }
         _ => params.scales.filter(lit, indirect, difference, &mut rest, progress)?,
     }
-    gathered.irradiance.iter_mut().zip(straight).zip(&gathered.indirect).for_each(|((e, s), i)| *e = s + *i);
+    gathered.irradiance.iter_mut().zip(&gathered.indirect).for_each(|(e, i)| *e = (*e + *i).max(Rgb::ZERO));
     if params.filter != Denoise::Oidn {
-        gathered.standard_error = gathered.difference.iter().map(|d| d.abs()).collect();
+        if !gathered.standard_error.is_empty() {
+            gathered.standard_error = gathered.difference.iter().map(|d| d.abs()).collect();
+        }
         gathered.noise = noise(lit, gathered);
         report.after = Some(100.0 * gathered.noise);
     }

@@ -44,7 +44,7 @@ impl Scales {
     /// For texels that gather each on its own.
     pub const SINGLE: Self = Self { count: 5, caution: 1.5 };
     /// For texels read between blocks, which were smoothed: what noise is left is worth little detail.
-    pub const BLOCKS: Self = Self { count: 5, caution: 1.0 };
+    pub const BLOCKS: Self = Self { count: 5, caution: 1.2 };
 }
 
 /// A texel of a neighbourhood, its weight, how far its normal agrees, and its place [texels].
@@ -84,48 +84,74 @@ impl Scales {
         parts: &mut [&mut Vec<Rgb>],
         progress: &dyn Progress,
     ) -> Result<()> {
-        let mut values: Vec<Vec<Rgb>> = vec![light.clone(), difference.clone()];
-        values.extend(parts.iter().map(|part| (**part).clone()));
         let mut targets: Vec<&mut Vec<Rgb>> = vec![light, difference];
         targets.extend(parts.iter_mut().map(|part| &mut **part));
-        let whole: Vec<Rgb> = targets[0].clone();
+        let had: Vec<DVec3> = fluxes(lit, targets[0]);
         let mut reach = Reach::new(lit);
+        let squares: Vec<[f32; 2]> = targets[1].par_iter().map(|d| [d.length_squared(), 0.0]).collect();
+        let noise: Vec<f32> = pool(&reach, &squares, |tap| tap.weight).iter().map(|square| square[0]).collect();
+        drop(squares);
+        // Texel by texel, all quantities of one side by side.
+        let width = targets.len();
+        let mut values: Vec<Rgb> = (0..targets[0].len()).flat_map(|i| targets.iter().map(move |t| t[i])).collect();
         for scale in 0..self.count {
             progress.check()?;
             if scale > 0 {
                 reach = reach.doubled();
             }
-            let (smooth, squares) = planes(&reach, &values);
-            let squares = pool(&reach, &squares);
-            let lost =
-                |[whole, noise]: &[f32; 2]| if *whole > 0.0 { (self.caution * noise / whole).min(1.0) } else { 0.0 };
-            let lost: Vec<f32> = squares.par_iter().map(lost).collect();
+            let (smooth, squares) = planes(&reach, &values, width);
+            let lost = self.lost(&pool(&reach, &squares, |tap| tap.alike), &squares, &noise);
             for (k, target) in targets.iter_mut().enumerate() {
-                let (value, smooth) = (&values[k], &smooth[k]);
-                target.par_iter_mut().enumerate().for_each(|(i, t)| *t -= (value[i] - smooth[i]) * lost[i]);
+                let detail = |i: usize| values[i * width + k] - smooth[i * width + k];
+                target.par_iter_mut().enumerate().for_each(|(i, t)| *t -= detail(i) * lost[i]);
             }
             values = smooth;
         }
         targets[0].par_iter_mut().for_each(|v| *v = v.max(Vec3::ZERO));
-        give_back(lit, &whole, &mut targets);
+        give_back(lit, &had, &mut targets);
         Ok(())
     }
+
+    /// The share of each texel's detail that is taken for noise: from the squares of the detail and of its noise, `pooled` and the texel's
+    /// own, and the variance of the noise there. No texel is moved by more than its own noise explains: beside a bright and noisy
+    /// place, dark ones stay dark.
+    fn lost(&self, pooled: &[[f32; 2]], own: &[[f32; 2]], variance: &[f32]) -> Vec<f32> {
+        let of = |((&[whole, noise], own), variance): ((&[f32; 2], &[f32; 2]), &f32)| {
+            if whole <= 0.0 {
+                return 0.0;
+            }
+            let most = if own[0] > 0.0 { MOST_MOVED * (variance / own[0]).sqrt() } else { 1.0 };
+            (self.caution * noise / whole).min(most).min(1.0)
+        };
+        pooled.par_iter().zip(own).zip(variance).map(of).collect()
+    }
 }
+
+/// Standard errors that a texel may be moved by at one scale.
+const MOST_MOVED: f32 = 2.5;
 
 /// Ratios beyond which the light of a chart must have been all noise.
 const RATIO: [f32; 2] = [0.8, 1.25];
 
-/// Gives back to each chart what the filter took from its light in all, all of `targets` alike: peaks, which are noisy, lose more than
-/// hollows. The first of `targets` was `whole`, without bias.
-fn give_back(lit: &Lit, whole: &[Rgb], targets: &mut [&mut Vec<Rgb>]) {
+/// The light of each chart, all over its area.
+fn fluxes(lit: &Lit, values: &[Rgb]) -> Vec<DVec3> {
     let mut first = 0;
-    for chart in lit.ground.patches.chart.chunk_by(|a, b| a == b) {
+    let of_chart = |chart: &[u32]| {
         let range = first..first + chart.len();
         first = range.end;
-        let flux = |values: &[Rgb]| -> DVec3 {
-            range.clone().map(|i| values[i].as_dvec3() * f64::from(lit.exposure.area[i])).sum()
-        };
-        let (had, has) = (flux(whole), flux(targets[0]));
+        range.map(|i| values[i].as_dvec3() * f64::from(lit.exposure.area[i])).sum()
+    };
+    lit.ground.patches.chart.chunk_by(|a, b| a == b).map(of_chart).collect()
+}
+
+/// Gives back to each chart what the filter took from its light in all, all of `targets` alike: peaks, which are noisy, lose more than
+/// hollows. `had` is what charts had of the first of `targets`, without bias.
+fn give_back(lit: &Lit, had: &[DVec3], targets: &mut [&mut Vec<Rgb>]) {
+    let has = fluxes(lit, targets[0]);
+    let mut first = 0;
+    for ((chart, had), has) in lit.ground.patches.chart.chunk_by(|a, b| a == b).zip(had).zip(has) {
+        let range = first..first + chart.len();
+        first = range.end;
         let ratio = DVec3::select(has.cmpgt(DVec3::ZERO), had / has.max(DVec3::splat(f64::MIN_POSITIVE)), DVec3::ONE);
         let ratio = ratio.as_vec3().clamp(Vec3::splat(RATIO[0]), Vec3::splat(RATIO[1]));
         if ratio != Vec3::ONE {
@@ -134,8 +160,8 @@ fn give_back(lit: &Lit, whole: &[Rgb], targets: &mut [&mut Vec<Rgb>]) {
     }
 }
 
-/// Planes through each texel's neighbourhood, of all `values`; and the squares of what the first two leave over.
-fn planes(reach: &Reach, values: &[Vec<Rgb>]) -> (Vec<Vec<Rgb>>, Vec<[f32; 2]>) {
+/// Planes through each texel's neighbourhood, of all `values`, `width` a texel; and the squares of what the first two leave over.
+fn planes(reach: &Reach, values: &[Rgb], width: usize) -> (Vec<Rgb>, Vec<[f32; 2]>) {
     let side = (1u32 << reach.scale) as f32;
     let shares = |i: usize| -> Taps {
         let mut taps = reach.taps(i);
@@ -149,34 +175,32 @@ fn planes(reach: &Reach, values: &[Vec<Rgb>]) -> (Vec<Vec<Rgb>>, Vec<[f32; 2]>) 
         }
         taps
     };
-    // By texel, so that neighbourhoods are found once.
-    let width = values.len();
-    let mut smooth = vec![Vec3::ZERO; width * values[0].len()];
-    let mut squares = vec![[0.0; 2]; values[0].len()];
-    let rows = smooth.par_chunks_mut(width).zip(&mut squares).enumerate().with_min_len(256);
-    rows.for_each(|(i, (row, squares))| {
+    let mut smooth = vec![Vec3::ZERO; values.len()];
+    let mut squares = vec![[0.0; 2]; values.len() / width];
+    let rows =
+        smooth.par_chunks_mut(width).zip(&mut squares).zip(values.par_chunks(width)).enumerate().with_min_len(256);
+    rows.for_each(|(i, ((row, squares), own))| {
         let taps = shares(i);
-        for (slot, value) in row.iter_mut().zip(values) {
-            let centre = value[i];
+        row.copy_from_slice(own);
+        for tap in &taps.list[1..taps.count] {
+            let other = &values[tap.patch as usize * width..][..width];
             // Relative to the texel itself, so that what is even stays so to the bit.
-            let around = taps.list[1..taps.count].iter();
-            *slot = centre + around.map(|tap| (value[tap.patch as usize] - centre) * tap.weight).sum::<Vec3>();
+            row.iter_mut().zip(other).zip(own).for_each(|((sum, other), own)| *sum += (*other - *own) * tap.weight);
         }
-        *squares = [0, 1].map(|k| (values[k][i] - row[k]).length_squared());
+        *squares = [0, 1].map(|k| (own[k] - row[k]).length_squared());
     });
-    let column = |k: usize| smooth.par_iter().skip(k).step_by(width).copied().collect();
-    ((0..width).map(column).collect(), squares)
+    (smooth, squares)
 }
 
-/// Means over each texel's neighbourhood, all of it alike.
-fn pool(reach: &Reach, squares: &[[f32; 2]]) -> Vec<[f32; 2]> {
+/// Means over each texel's neighbourhood by `weight`.
+fn pool(reach: &Reach, squares: &[[f32; 2]], weight: impl Fn(&Tap) -> f32 + Sync) -> Vec<[f32; 2]> {
     let mean = |i: usize| {
         let taps = reach.taps(i);
         let (mut sums, mut weights) = ([0.0f32; 2], 0.0);
         for tap in &taps.list[..taps.count] {
-            let square = squares[tap.patch as usize];
-            sums = [sums[0] + tap.alike * square[0], sums[1] + tap.alike * square[1]];
-            weights += tap.alike;
+            let (square, weight) = (squares[tap.patch as usize], weight(tap));
+            sums = [sums[0] + weight * square[0], sums[1] + weight * square[1]];
+            weights += weight;
         }
         sums.map(|sum| sum / weights)
     };
