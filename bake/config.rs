@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn every_setting_has_its_option() {
-        let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
+        let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --mips 2 --align 4 --min-chart 2 --unwrapper uvunwrap --uv keep --uv-name st1 --normals geometric \
                     --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --sky 1,2,0.1 --sun 40,180,8e4 \
                     --gltf engine,vertex --lights remove --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather none --layers direct --watch w \
@@ -299,7 +299,7 @@ mod tests {
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
             typed(
-                "--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 \
+                "--density 2 --page-size 512 --pages free --environment e.hdr --method path --link-error 1e-6 --samples 64 \
                    --error 2% --time-budget 5 --time 1.5 --animation walk",
             )
             .keys()

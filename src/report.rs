@@ -6,6 +6,7 @@ use crate::progress::Progress;
 use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
+use crate::unwrap::AuthoredUvs;
 use crate::write::Baked;
 use cpu_time::ProcessTime;
 use serde::Serialize;
@@ -23,6 +24,9 @@ pub struct Report {
     pub settings: Settings,
     pub surfaces: Vec<SurfaceReport>,
     pub pages: Vec<PageReport>,
+    /// Authored UVs that were refused or packed anew.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub authored_uvs: Vec<AuthoredUvs>,
     /// Texels per metre.
     pub density: f32,
     /// Covered texels, those of hidden pages included.

@@ -16,7 +16,7 @@ use crate::reference::{PathParams, Strategy};
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
-use crate::unwrap::{Density, UnwrapParams, UvMode};
+use crate::unwrap::{Density, DensityVolume, PageSizes, UnwrapParams, Unwrapper, UvMode};
 use crate::view_factors::{self, ViewFactorParams};
 use crate::write::{BakedLights, GltfProfile};
 use serde::{Deserialize, Serialize};
@@ -56,8 +56,17 @@ pub struct Settings {
     /// Size of each page [texels], where several may be used.
     pub page_size: Option<u32>,
     pub max_pages: Option<u32>,
-    /// Empty texels between charts; default 2.
+    /// Sizes that pages may have.
+    pub pages: PageSizes,
+    /// Empty texels between charts; default 2, or what `mips` asks for.
     pub padding: Option<u32>,
+    /// Mip levels, the full size among them, that are to be read without mixing charts: padding of 2^N texels at least.
+    pub mips: Option<u32>,
+    /// Side of the blocks of texels of which none holds two charts; none: charts lie anywhere.
+    pub align: Option<u32>,
+    /// Least side of a chart [texels]; none: 1.
+    pub min_chart: Option<u32>,
+    pub unwrapper: Unwrapper,
     pub uv: UvMode,
     pub uv_name: Option<String>,
     pub normals: Normals,
@@ -107,6 +116,9 @@ pub struct Settings {
     /// Pictures that lights are to throw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub projectors: Vec<ProjectorSetting>,
+    /// Where texels are finer or coarser.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub density_volumes: Vec<DensityVolume>,
     /// What objects do in the bake, by pattern.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<ObjectEdit>,
@@ -325,9 +337,15 @@ impl Settings {
             density,
             page_size: self.page_size.unwrap_or(2048),
             max_pages: self.max_pages.unwrap_or(64),
-            padding: self.padding.unwrap_or(2),
+            pages: self.pages,
+            padding: self.padding.unwrap_or(2).max(self.mips.map_or(0, |levels| 1 << levels)),
+            align: self.align.unwrap_or(1),
+            min_chart: self.min_chart.unwrap_or(1),
             uv: self.uv,
             uv_name: self.uv_name.clone(),
+            unwrapper: self.unwrapper,
+            volumes: self.density_volumes.clone(),
+            importance: None,
         }
     }
 

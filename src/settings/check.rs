@@ -7,6 +7,7 @@ use crate::post::LayerKind;
 use crate::reference::BATCHES;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
+use crate::unwrap::PageSizes;
 
 /// Levels of subdivision, at most: each has four times the faces of the one before.
 const MOST_SUBDIVISION: u32 = 8;
@@ -30,6 +31,8 @@ impl Settings {
         within("page-size", self.page_size, 16, 16384)?;
         within("max-pages", self.max_pages, 1, 1024)?;
         within("padding", self.padding, 1, 64)?;
+        within("mips", self.mips, 1, 6)?;
+        within("min-chart", self.min_chart, 1, 64)?;
         within("max-texture", self.max_texture, 1, MOST_TEXELS)?;
         within("max-texels", self.max_texels, 1, u64::MAX)?;
         within("max-memory", self.max_memory, 1 << 20, u64::MAX)?;
@@ -49,6 +52,12 @@ impl Settings {
         within("time", self.time, -1e9, 1e9)?;
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;
         within("time-budget", self.time_budget, 0.1, 1e6)?;
+        self.check_blocks()?;
+        for volume in &self.density_volumes {
+            if let Some(fault) = volume.fault() {
+                return Err(Error::invalid("density-volumes", fault));
+            }
+        }
         self.check_layers()?;
         self.check_gather()?;
         self.check_solver()?;
@@ -60,6 +69,23 @@ impl Settings {
         }
         self.edits().check()?;
         super::outdoors::check(self.sky, self.sun, &self.projectors)
+    }
+
+    /// Refuses sizes of pages that can't be had, and blocks that don't fill them.
+    fn check_blocks(&self) -> Result<()> {
+        if self.resolution.is_some() && self.pages == PageSizes::Free {
+            return Err(Error::invalid("pages", "resolution asks for one page of N x N texels; leave one of them out"));
+        }
+        let Some(align) = self.align else { return Ok(()) };
+        if !align.is_power_of_two() || align > 64 {
+            return Err(Error::invalid("align", format!("{align} is no power of two from 1 to 64")));
+        }
+        let side = self.resolution.or(self.page_size).unwrap_or(align);
+        if side % align != 0 {
+            let message = format!("blocks of {align} texels don't fill a page of {side}; choose a multiple of {align}");
+            return Err(Error::invalid("align", message));
+        }
+        Ok(())
     }
 
     fn check_layers(&self) -> Result<()> {

@@ -1,13 +1,14 @@
-//! Large connected parts cut into pieces that xatlas charts in good time: its charting and its solver take about the square of
-//! a part's triangles.
+//! Large connected parts cut into pieces that an unwrapper charts in good time.
 
 use super::chart;
 use super::shape::{Sets, Shape};
 use glam::DVec3;
 
-/// Most triangles of a piece. At 1024, 134 000 triangles cost seconds in place of minutes, and the added seams are few: such a
-/// piece is dozens of texels wide even at a texel a triangle.
-const LIMIT: usize = 1024;
+/// Most triangles of a piece for xatlas, whose charting and solver take about the square of them. At 1024, 134 000 triangles cost
+/// seconds in place of minutes, and the added seams are few: such a piece is dozens of texels wide even at a texel a triangle.
+pub const XATLAS_LIMIT: usize = 1024;
+/// And for uvunwrap, whose time grows little faster than they do.
+pub const UVUNWRAP_LIMIT: usize = 1 << 16;
 /// Flat regions of more triangles than this are pieces of their own.
 const FLAT_LIMIT: usize = 64;
 /// Neighbours whose normals are nearer than 0.3 degrees stay together, so that no seam runs across a wall.
@@ -19,9 +20,9 @@ struct Unit {
     center: DVec3,
 }
 
-/// Pieces of a connected part, each connected, in a fixed order. Halves at the median along the longest axis, again and again.
-pub fn pieces(shape: &Shape, part: Vec<u32>) -> Vec<Vec<u32>> {
-    if part.len() <= LIMIT {
+/// Pieces of a connected part, each connected and of up to `limit` triangles, in a fixed order. Halves at the median along the longest axis, again and again.
+pub fn pieces(shape: &Shape, part: Vec<u32>, limit: usize) -> Vec<Vec<u32>> {
+    if part.len() <= limit {
         return vec![part];
     }
     let neighbors = shape.neighbors(&part);
@@ -48,7 +49,7 @@ pub fn pieces(shape: &Shape, part: Vec<u32>) -> Vec<Vec<u32>> {
     let mut halves = vec![units];
     while let Some(mut units) = halves.pop() {
         let count: usize = units.iter().map(|u| u.triangles.len()).sum();
-        if count > LIMIT && units.len() > 1 {
+        if count > limit && units.len() > 1 {
             let later = halve(&mut units, count);
             halves.push(later);
             halves.push(units);
