@@ -52,6 +52,26 @@ fn random_point(i: u32) -> Vec3 {
     Vec3::new(hash(i, 1), hash(i, 2), hash(i, 3))
 }
 
+/// A rolling ground, each face of it twice: up and down.
+fn doubled_ground() -> Mesh {
+    let at = |x: u32, z: u32| z * 12 + x;
+    let ground = (0..12).flat_map(|z| (0..12).map(move |x| (x as f32, z as f32)));
+    let positions = ground.map(|(x, z)| Vec3::new(x, (0.4 * x).sin() + (0.3 * z).cos(), z)).collect();
+    let squares = (0..11).flat_map(|z| (0..11).map(move |x| [at(x, z), at(x, z + 1), at(x + 1, z + 1), at(x + 1, z)]));
+    let faces: Vec<[u32; 4]> = squares.flat_map(|[a, b, c, d]| [[a, b, c, d], [a, d, c, b]]).collect();
+    mesh(positions, &quads(&faces))
+}
+
+#[test]
+fn both_sides_of_a_doubled_sheet_stay_whole() {
+    let scene = scene(vec![doubled_ground()]);
+    for unwrapper in BOTH {
+        let found =
+            sound("ground", &scene, &run(&scene, &UnwrapParams { unwrapper, ..params(Density::FillPage(256)) }));
+        assert!(found.charts <= 8, "{unwrapper:?}: {found:?}");
+    }
+}
+
 /// Ten leaves of a book: three and more faces at each edge of its spine, some of them twice.
 fn non_manifold() -> Mesh {
     let mut positions = vec![Vec3::ZERO, Vec3::Y];
@@ -136,9 +156,12 @@ fn the_judge_sees_what_is_wrong() {
     let scene = cornell();
     let good = run(&scene, &params(Density::FillPage(128)));
     sound("cornell", &scene, &good);
-    let mut shifted = good.clone();
-    shifted.placements[1].offset.x += 2.0 / 128.0;
-    assert!(judge(&scene, &shifted).near_texels > 0);
+    let mut wide = good.clone();
+    wide.padding = 12;
+    assert!(judge(&scene, &wide).near_texels > 0);
+    let mut doubled = good.clone();
+    doubled.meshes[2] = doubled.meshes[1].clone();
+    assert!(judge(&scene, &doubled).shared_texels > 100);
     let mut stacked = good;
     stacked.meshes[0].corners[2] = stacked.meshes[0].corners[0];
     let found = judge(&scene, &stacked);
@@ -171,10 +194,13 @@ fn shared_scenes_share_no_texel() {
             continue;
         }
         for unwrapper in BOTH {
+            let start = std::time::Instant::now();
             let p = UnwrapParams { unwrapper, page_size: 2048, ..params(Density::TexelCount(1 << 15)) };
             match unwrap(&scene, &p, &Silent) {
                 Ok((atlas, _)) => {
-                    sound(&format!("{name} by {unwrapper:?}"), &scene, &atlas);
+                    let took = start.elapsed();
+                    let found = sound(&format!("{name} by {unwrapper:?}"), &scene, &atlas);
+                    println!("{name} by {unwrapper:?}: {} charts, {took:.2?} of {:.2?}", found.charts, start.elapsed());
                     count += 1;
                 }
                 Err(error) => assert!(error.to_string().contains("nothing to bake"), "{name}: {error}"),

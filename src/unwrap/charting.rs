@@ -66,11 +66,14 @@ fn prepare(
     progress: &dyn Progress,
 ) -> (Vec<Chart>, Vec<u32>, Vec<Job>) {
     let (mut charts, mut rejected, mut jobs) = (Vec::new(), Vec::new(), Vec::new());
-    let limit = match unwrapper {
-        Unwrapper::Xatlas => split::XATLAS_LIMIT,
-        Unwrapper::Uvunwrap => split::UVUNWRAP_LIMIT,
+    let parts = shape.parts().into_iter();
+    let pieces: Vec<Vec<u32>> = match unwrapper {
+        Unwrapper::Xatlas => parts.flat_map(|part| split::pieces(shape, part, split::XATLAS_LIMIT)).collect(),
+        Unwrapper::Uvunwrap => (parts.flat_map(|part| split::sheets(shape, part)))
+            .flat_map(|part| split::pieces(shape, part, split::UVUNWRAP_LIMIT))
+            .collect(),
     };
-    for part in shape.parts().into_iter().flat_map(|part| split::pieces(shape, part, limit)) {
+    for part in pieces {
         if let Some(flat) = chart::planar(shape, &part) {
             charts.extend(flat);
             progress.advance(part.len() as u64);

@@ -7,7 +7,7 @@ pub mod scenes;
 use glam::{DVec2, DVec3};
 use lumel::scene::Scene;
 use lumel::unwrap::Atlas;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 /// Overlaps thinner than this are rounding [texels].
 pub const THIN: f64 = 0.05;
@@ -244,7 +244,7 @@ fn stretch_of(mut each: Vec<(f64, f64, f64)>, uv_area: f64, area: f64) -> (f64, 
     ((sum / area).sqrt() * scale, greatest.map_or(0.0, |s| s.0 * scale))
 }
 
-/// Length [m] of edges with two triangles whose UVs part there.
+/// Length [m] of edges at which charts part: of three, twice.
 fn seams(scene: &Scene, atlas: &Atlas) -> f64 {
     let mut sum = 0.0;
     for (s, surface) in scene.surfaces.iter().enumerate() {
@@ -260,9 +260,8 @@ fn seams(scene: &Scene, atlas: &Atlas) -> f64 {
         for side in sides.values().filter(|s| s.len() > 1) {
             let (t, k) = side[0];
             let corners = scene.world_triangle(s, t);
-            if side.iter().any(|(other, _)| uvs.chart[*other] != uvs.chart[t]) {
-                sum += f64::from(corners[k].distance(corners[(k + 1) % 3]));
-            }
+            let charts: BTreeSet<u32> = side.iter().map(|(t, _)| uvs.chart[*t]).collect();
+            sum += (charts.len() - 1) as f64 * f64::from(corners[k].distance(corners[(k + 1) % 3]));
         }
     }
     sum

@@ -1,7 +1,7 @@
 //! The structs and functions of `vendor/xatlas.h` of xatlas-rs 0.1.3 that are used. Its packer is measured by
 //! `tests/benches/unwrap.rs` through the same declarations.
 
-#![allow(unsafe_code)]
+#![allow(unsafe_code, dead_code)] // each user has its own share
 
 use std::ffi::{c_int, c_void};
 
