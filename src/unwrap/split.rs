@@ -8,8 +8,8 @@ use std::collections::{HashMap, HashSet};
 /// Most triangles of a piece for xatlas, whose charting and solver take about the square of them. At 1024, 134 000 triangles cost
 /// seconds in place of minutes, and the added seams are few: such a piece is dozens of texels wide even at a texel a triangle.
 pub const XATLAS_LIMIT: usize = 1024;
-/// And for uvunwrap, whose time grows little faster than they do.
-pub const UVUNWRAP_LIMIT: usize = 1 << 16;
+/// And for uvunwrap: its charts may grow long and ragged, as of a neon tube, and then hardly fill a page.
+pub const UVUNWRAP_LIMIT: usize = 1 << 11;
 /// Flat regions of more triangles than this are pieces of their own.
 const FLAT_LIMIT: usize = 64;
 /// Neighbours whose normals are nearer than 0.3 degrees stay together, so that no seam runs across a wall.
@@ -21,7 +21,8 @@ struct Unit {
     center: DVec3,
 }
 
-/// Pieces of a connected part, each connected and of up to `limit` triangles, in a fixed order. Halves at the median along the longest axis, again and again.
+/// Pieces of a connected part, each connected and of up to `limit` triangles, in a fixed order. Halves at the median along the
+/// longest axis, again and again.
 pub fn pieces(shape: &Shape, part: Vec<u32>, limit: usize) -> Vec<Vec<u32>> {
     if part.len() <= limit {
         return vec![part];
@@ -81,14 +82,17 @@ pub fn sheets(shape: &Shape, piece: Vec<u32>) -> Vec<Vec<u32>> {
     if edges.chunk_by(around).all(|edge| edge.len() <= 2) {
         return vec![piece];
     }
+    let normal = |i: u32| shape.cross(piece[i as usize]).normalize_or_zero();
     let mut sets = Sets::new(piece.len());
     for edge in edges.chunk_by(around) {
         if let [a, b] = edge {
-            sets.join(a.3, b.3);
+            // The two sides of a doubled wall meet at its rim, back to back.
+            if normal(a.3).dot(normal(b.3)) > -FLAT_COS {
+                sets.join(a.3, b.3);
+            }
             continue;
         }
         let (up, down) = edge.split_at(edge.partition_point(|e| !e.2));
-        let normal = |i: u32| shape.cross(piece[i as usize]).normalize_or_zero();
         let mut pairs: Vec<(f64, u32, u32)> =
             up.iter().flat_map(|a| down.iter().map(move |b| (normal(a.3).dot(normal(b.3)), a.3, b.3))).collect();
         pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));

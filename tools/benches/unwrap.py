@@ -28,7 +28,10 @@ SCENES = {
 HEAD = """# Unwrapping
 
 Charts by xatlas and by the crate uvunwrap (`--unwrapper`), and our packer beside xatlas' own. Measured by `tools/bench --unwrap`
-on {machine}; {date}. Every surface has a mesh of its own, everything lies on one page of 1024 x 1024 with 2 texels between charts.
+on {machine}; {date}. Every surface has a mesh of its own; all lies on one page of 1024 x 1024, 2 texels apart.
+
+uvunwrap has fewer charts and seams, less stretch and less to compute in most scenes, but twice the seams and a tenth less of the
+page in the atrium, the one large building: xatlas stays the default. Our packer fills more than xatlas' own with either's charts.
 
 """
 
@@ -67,7 +70,9 @@ def measure(only: str) -> None:
 def keep(figures: list[dict]) -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     record = {"machine": machine.describe(), "figures": rounded(figures)}
-    (FOLDER / "figures.json").write_text(json.dumps(record, indent=1) + "\n")
+    rows = ",\n  ".join(json.dumps(row) for row in record["figures"])
+    kept = f'{{ "machine": {json.dumps(record["machine"])}, "figures": [\n  {rows}\n] }}\n'
+    (FOLDER / "figures.json").write_text(kept)
     (FOLDER / "README.md").write_text(text(record))
 
 
