@@ -270,6 +270,10 @@ pub struct TexelArgs {
     /// Most pages; the density falls, with a warning, where more would be needed [1..1024; default: 64]
     #[arg(long, value_name = "K")]
     pub max_pages: Option<u32>,
+    /// Sizes of pages; pot: powers of two; free: multiples of 4 (of --align where that is more), cut to what they hold
+    /// [default: pot]
+    #[arg(long, value_name = "SIZES", value_parser = PossibleValuesParser::new(["pot", "free"]))]
+    pub pages: Option<String>,
 }
 
 /// Lightmap UVs.
@@ -280,10 +284,23 @@ pub struct UvArgs {
     /// Empty texels between charts [texels; 1..64; default: 2]
     #[arg(long, value_name = "N")]
     pub padding: Option<u32>,
-    /// auto: authored lightmap UVs where they are sound, else new ones; keep: authored ones or an error; new: new ones
-    /// [default: auto]
-    #[arg(long, value_name = "MODE", value_parser = PossibleValuesParser::new(["auto", "keep", "new"]))]
+    /// Mip levels, the full size among them: bilinear filtering of each reads no other chart, by a padding of at least 2^N texels,
+    /// and KTX2 pages hold as many [1..6; default: 1 with the padding as it is]
+    #[arg(long, value_name = "N")]
+    pub mips: Option<u32>,
+    /// No block of N x N texels holds two charts, for textures compressed by block [texels; 1, 2, 4 .. 64; default: 1]
+    #[arg(long, value_name = "N")]
+    pub align: Option<u32>,
+    /// Least width and height of a chart; smaller ones are stretched [texels; 1..64; default: 1]
+    #[arg(long, value_name = "N")]
+    pub min_chart: Option<u32>,
+    /// auto: authored lightmap UVs where they are sound, else new ones; keep: authored ones or an error; repack: authored
+    /// charts, packed anew at the bake's density; new: new ones [default: auto]
+    #[arg(long, value_name = "MODE", value_parser = PossibleValuesParser::new(["auto", "keep", "repack", "new"]))]
     pub uv: Option<String>,
+    /// What makes new UVs: xatlas or uvunwrap [default: xatlas]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(["xatlas", "uvunwrap"]))]
+    pub unwrapper: Option<String>,
     /// Name of the UV set [default: TEXCOORD_1, st1]
     #[arg(long, value_name = "NAME")]
     pub uv_name: Option<String>,
@@ -428,9 +445,6 @@ pub struct ResultArgs {
     /// Needle Engine and Babylon.js decode them [default: exr]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new(["exr", "hdr", "rgbm", "rgbm-srgb", "rgbd", "ktx2-half", "ktx2-bc6h"]))]
     pub encoding: Option<Vec<String>>,
-    /// Mip levels in KTX2 pages; give a --padding to match, 4 for one level, 8 for two [default: false]
-    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
-    pub mips: Option<bool>,
     /// Where light comes from, as layers of the pages, for materials with normal maps; sh: spherical harmonics to order 1,
     /// value(n) = sh0 + sh1x n.x + sh1y n.y + sh1z n.z by channel; dominant: one mean direction, as long as light agrees on it;
     /// n in world space, Y up [default: off]

@@ -311,17 +311,17 @@ mod tests {
 
     #[test]
     fn every_setting_has_its_option() {
-        let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --uv keep --uv-name st1 --normals geometric \
+        let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --mips 2 --align 4 --min-chart 2 --unwrapper uvunwrap --uv keep --uv-name st1 --normals geometric \
                     --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --sky 1,2,0.1 --sun 40,180,8e4 \
                     --gltf engine,vertex --lights remove --bake-lights indirect --ao-distance 2 --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather auto --directional sh --probes 2 --layers direct,ao --watch w \
                     --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
-                    --strict --max-texture 9 --max-texels 9 --max-memory 4G --for bevy --encoding exr,ktx2-half --mips \
+                    --strict --max-texture 9 --max-texels 9 --max-memory 4G --for bevy --encoding exr,ktx2-half \
                     --gltf-lightmap-ext moz";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
             typed(
-                "--density 2 --page-size 512 --environment e.hdr --method path --link-error 1e-6 --samples 64 \
+                "--density 2 --page-size 512 --pages free --environment e.hdr --method path --link-error 1e-6 --samples 64 \
                    --error 2% --time-budget 5 --time 1.5 --animation walk",
             )
             .keys()

@@ -108,7 +108,8 @@ fn write_pages(
                 }
                 continue;
             }
-            let header = encode::Header { quantity: baked.quantity, scale: form.scale, mips: settings.mips };
+            let header =
+                encode::Header { quantity: baked.quantity, scale: form.scale, levels: settings.mips.unwrap_or(1) };
             let misfits = encode::write_page(path, page, form.encoding, &header)?;
             if misfits > 0 {
                 let message =

@@ -1,7 +1,7 @@
 //! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
 use crate::added_light;
-use crate::error::{Error, Result, Warnings};
+use crate::error::{Error, Result};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
 use crate::inspect::doubts;
@@ -259,8 +259,10 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
 }
 
 fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Report) -> Result<Atlas> {
-    let (atlas, warnings): (Atlas, Warnings) = unwrap::unwrap(&loaded.scene, &settings.unwrap_params(), clock)?;
+    let unwrap::Unwrapping { atlas, authored, warnings } =
+        unwrap::unwrap_judged(&loaded.scene, &settings.unwrap_params(), clock)?;
     report.warnings.extend(warnings);
+    report.authored_uvs = authored;
     limits::check_atlas(loaded, &atlas, settings)?;
     Ok(atlas)
 }

@@ -9,6 +9,7 @@ use crate::scene::{BakeMode, Contribution, Environment};
 use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
+use crate::unwrap::AuthoredUvs;
 use crate::write::encode::Encoding;
 use crate::write::exr::channel_names;
 use crate::write::{Baked, probes::FILES as PROBE_FILES};
@@ -36,6 +37,9 @@ pub struct Report {
     /// Forms that pages were written in, besides or in place of OpenEXR.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub encodings: Vec<EncodingReport>,
+    /// Authored UVs that were refused or packed anew.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub authored_uvs: Vec<AuthoredUvs>,
     /// Texels per metre.
     pub density: f32,
     /// Covered texels, those of hidden pages included.

@@ -22,7 +22,7 @@ use crate::scene::{BakeMode, Scene};
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
-use crate::unwrap::{Density, UnwrapParams, UvMode};
+use crate::unwrap::{Density, DensityVolume, PageSizes, UnwrapParams, Unwrapper, UvMode};
 use crate::view_factors::{self, ViewFactorParams};
 use crate::write::encode::Encoding;
 use crate::write::engines::{Engine, LightmapExtension};
@@ -64,8 +64,18 @@ pub struct Settings {
     /// Size of each page [texels], where several may be used.
     pub page_size: Option<u32>,
     pub max_pages: Option<u32>,
-    /// Empty texels between charts; default 2.
+    /// Sizes that pages may have.
+    pub pages: PageSizes,
+    /// Empty texels between charts; default 2, or what `mips` asks for.
     pub padding: Option<u32>,
+    /// Mip levels, the full size among them, that KTX2 pages hold, and that are read without mixing charts: padding of 2^N texels at
+    /// least; none: 1, and padding as it is.
+    pub mips: Option<u32>,
+    /// Side of the blocks of texels of which none holds two charts; none: charts lie anywhere.
+    pub align: Option<u32>,
+    /// Least side of a chart [texels]; none: 1.
+    pub min_chart: Option<u32>,
+    pub unwrapper: Unwrapper,
     pub uv: UvMode,
     pub uv_name: Option<String>,
     pub normals: Normals,
@@ -75,8 +85,6 @@ pub struct Settings {
     pub engine: Option<Engine>,
     /// Forms that pages are written in; none: OpenEXR.
     pub encoding: Option<Vec<Encoding>>,
-    /// KTX2 pages get mip levels.
-    pub mips: bool,
     pub method: Method,
     /// Which filter takes noise out.
     pub denoise: Denoise,
@@ -140,6 +148,9 @@ pub struct Settings {
     /// Pictures that lights are to throw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub projectors: Vec<ProjectorSetting>,
+    /// Where texels are finer or coarser.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub density_volumes: Vec<DensityVolume>,
     /// What objects do in the bake, by pattern.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<ObjectEdit>,
@@ -371,9 +382,15 @@ impl Settings {
             density,
             page_size: self.page_size.unwrap_or(2048),
             max_pages: self.max_pages.unwrap_or(64),
-            padding: self.padding.unwrap_or(2),
+            pages: self.pages,
+            padding: self.padding.unwrap_or(2).max(self.mips.map_or(0, |levels| 1 << levels)),
+            align: self.align.unwrap_or(1),
+            min_chart: self.min_chart.unwrap_or(1),
             uv: self.uv,
             uv_name: self.uv_name.clone(),
+            unwrapper: self.unwrapper,
+            volumes: self.density_volumes.clone(),
+            importance: None,
         }
     }
 

@@ -24,16 +24,16 @@ fn page() -> PageImage {
     PageImage { width, height, rgb, coverage }
 }
 
-fn header(encoding: Encoding, page: &PageImage, mips: bool) -> Header {
+fn header(encoding: Encoding, page: &PageImage, levels: u32) -> Header {
     let largest = page.rgb.iter().map(|c| c.max_element()).fold(0.0, f32::max);
-    Header { quantity: Quantity::Outgoing, scale: encoding.scale(largest), mips }
+    Header { quantity: Quantity::Outgoing, scale: encoding.scale(largest), levels }
 }
 
 /// Bytes of a page's file.
-fn written(name: &str, page: &PageImage, encoding: Encoding, mips: bool) -> Vec<u8> {
+fn written(name: &str, page: &PageImage, encoding: Encoding, levels: u32) -> Vec<u8> {
     let folder = Folder::new(name);
     let path = folder.0.join(format!("page.{}", encoding.suffix()));
-    assert_eq!(write_page(&path, page, encoding, &header(encoding, page, mips)).unwrap(), 0);
+    assert_eq!(write_page(&path, page, encoding, &header(encoding, page, levels)).unwrap(), 0);
     std::fs::read(path).unwrap()
 }
 
@@ -54,7 +54,7 @@ fn radiance_hdr_is_what_another_decoder_reads() {
     let mut page = page();
     // Runs and single bytes, and the longest run there is.
     page.rgb[100..400].fill(Rgb::new(1.0, 0.5, 0.25));
-    let bytes = written("hdr", &page, Encoding::Hdr, false);
+    let bytes = written("hdr", &page, Encoding::Hdr, 1);
     assert!(bytes.starts_with(b"#?RADIANCE\n"));
     let decoder = image::codecs::hdr::HdrDecoder::new(bytes.as_slice()).unwrap();
     assert_eq!(decoder.dimensions(), (61, 27));
@@ -68,7 +68,7 @@ fn radiance_hdr_is_what_another_decoder_reads() {
 #[test]
 fn narrow_hdr_pages_have_plain_scan_lines() {
     let page = PageImage { width: 2, height: 2, rgb: vec![Rgb::new(0.5, 1e-3, 255.9); 4], coverage: vec![1.0; 4] };
-    let bytes = written("hdr-narrow", &page, Encoding::Hdr, false);
+    let bytes = written("hdr-narrow", &page, Encoding::Hdr, 1);
     let read = image::load_from_memory_with_format(&bytes, image::ImageFormat::Hdr).unwrap().into_rgb32f();
     // The mantissa rounds up to 256, which takes the next exponent.
     assert_eq!(read.get_pixel(1, 1).0[2], 256.0);
@@ -92,9 +92,9 @@ fn multipliers_come_back_as_engines_decode_them() {
         for factor in [1.0, 1e4, 1e-4] {
             let mut page = page();
             page.rgb.iter_mut().for_each(|c| *c *= factor);
-            let scale = header(encoding, &page, false).scale;
+            let scale = header(encoding, &page, 1).scale;
             assert_eq!(scale == 1.0, factor == 1.0, "{encoding:?}: {scale}");
-            let png = image::load_from_memory(&written("multiplier", &page, encoding, false)).unwrap();
+            let png = image::load_from_memory(&written("multiplier", &page, encoding, 1)).unwrap();
             assert_eq!(png.color(), image::ColorType::Rgba8);
             let found: Vec<Rgb> = png.into_rgba8().pixels().map(|p| decoded(encoding, p.0, scale)).collect();
             let (bias, worst) = errors(&page, &found);
@@ -132,7 +132,7 @@ fn levels(bytes: &[u8], format: ktx2::Format) -> (Vec<Vec<u8>>, ktx2::Header) {
 #[test]
 fn half_ktx2_holds_the_page_and_its_levels() {
     let page = page();
-    let (one, header) = levels(&written("half", &page, Encoding::Ktx2Half, false), ktx2::Format::R16G16B16A16_SFLOAT);
+    let (one, header) = levels(&written("half", &page, Encoding::Ktx2Half, 1), ktx2::Format::R16G16B16A16_SFLOAT);
     assert_eq!(header.level_count, 1);
     let halves: Vec<f32> = one[0].chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect();
     let found: Vec<Rgb> = halves.chunks_exact(4).map(Rgb::from_slice).collect();
@@ -140,7 +140,8 @@ fn half_ktx2_holds_the_page_and_its_levels() {
     assert!(bias.abs() < 1e-4 && worst < 5e-4, "bias {bias}, worst {worst}");
     let alpha: Vec<f32> = halves.chunks_exact(4).map(|c| c[3]).collect();
     assert_eq!(alpha, page.coverage);
-    let (all, header) = levels(&written("mips", &page, Encoding::Ktx2Half, true), ktx2::Format::R16G16B16A16_SFLOAT);
+    let (all, header) =
+        levels(&written("mips", &page, Encoding::Ktx2Half, u32::MAX), ktx2::Format::R16G16B16A16_SFLOAT);
     assert_eq!(header.level_count, 6);
     assert_eq!(all[0], one[0]);
     assert_eq!(all.iter().map(Vec::len).collect::<Vec<_>>(), [61 * 27, 30 * 13, 15 * 6, 7 * 3, 3, 1].map(|n| n * 8));
@@ -168,7 +169,7 @@ fn bc6h_ktx2_shows_the_page() {
     let mut page = page();
     // Without the black corner, whose edge no block of 4 x 4 can hold exactly.
     page.rgb.iter_mut().filter(|c| **c == Rgb::ZERO).for_each(|c| *c = Rgb::splat(20.0));
-    let bytes = written("bc6h", &page, Encoding::Ktx2Bc6h, true);
+    let bytes = written("bc6h", &page, Encoding::Ktx2Bc6h, u32::MAX);
     let (all, _) = levels(&bytes, ktx2::Format::BC6H_UFLOAT_BLOCK);
     assert_eq!(all.iter().map(Vec::len).collect::<Vec<_>>(), [16 * 7, 8 * 4, 4 * 2, 2, 1, 1].map(|n| n * 16));
     let found = from_blocks(&all[0], 61, 27);
@@ -180,7 +181,7 @@ fn bc6h_ktx2_shows_the_page() {
     let worst = smooth.map(squares).fold(0.0, f64::max).sqrt();
     // Measured 0.0169, -0.0010 and 0.069: a slope of 12 % a texel is far steeper than light is but at hard shadows.
     assert!(rms < 0.02 && bias.abs() < 3e-3 && worst < 0.08, "rms {rms}, bias {bias}, worst {worst}");
-    assert_eq!(bytes, written("bc6h", &page, Encoding::Ktx2Bc6h, true), "equal pages give equal bytes");
+    assert_eq!(bytes, written("bc6h", &page, Encoding::Ktx2Bc6h, u32::MAX), "equal pages give equal bytes");
 }
 
 #[test]
@@ -189,11 +190,11 @@ fn what_a_form_can_not_hold_is_counted() {
     let mut page = page();
     (page.rgb[7].x, page.rgb[8].y, page.rgb[9].z) = (f32::NAN, -1.0, 1e30);
     for (encoding, misfits) in [(Encoding::Hdr, 2), (Encoding::Ktx2Half, 3), (Encoding::Rgbm, 3)] {
-        let header = Header { quantity: Quantity::Outgoing, scale: 1.0, mips: false };
+        let header = Header { quantity: Quantity::Outgoing, scale: 1.0, levels: 1 };
         let path = folder.0.join("page");
         assert_eq!(write_page(&path, &page, encoding, &header).unwrap(), misfits, "{encoding:?}");
     }
     page.rgb.pop();
-    let header = Header { quantity: Quantity::Outgoing, scale: 1.0, mips: false };
+    let header = Header { quantity: Quantity::Outgoing, scale: 1.0, levels: 1 };
     assert!(write_page(Path::new("nowhere"), &page, Encoding::Hdr, &header).is_err());
 }

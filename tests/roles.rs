@@ -27,7 +27,7 @@ const GHOST: Role =
     Role { skip: false, casts: false, receives: true, lightmapped: true, density: None, density_scale: 1.0 };
 
 fn laid_out(scene: &Scene, density: Density) -> Atlas {
-    let params = UnwrapParams { density, page_size: 256, max_pages: 8, padding: 2, uv: UvMode::New, uv_name: None };
+    let params = UnwrapParams { density, page_size: 256, max_pages: 8, uv: UvMode::New, ..UnwrapParams::default() };
     unwrap(scene, &params, &Silent).unwrap().0
 }
 
@@ -195,9 +195,8 @@ fn instances_share_the_density_that_most_ask_for() {
         density: Density::TexelsPerMetre(10.0),
         page_size: 256,
         max_pages: 8,
-        padding: 2,
         uv: UvMode::New,
-        uv_name: None,
+        ..UnwrapParams::default()
     };
     let (atlas, warnings) = unwrap(&scene, &params, &Silent).unwrap();
     for s in 0..4 {

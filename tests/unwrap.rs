@@ -1,87 +1,19 @@
 //! Lightmap UVs: what must hold of any atlas, checked texel by texel, on small meshes and on real scenes.
 
+mod atlas;
+
+use atlas::covered;
+use atlas::scenes::{cornell, cube, mesh, quads, scene, sphere, surface};
 use glam::{Affine3A, Quat, Vec2, Vec3};
 use lumel::error::Warnings;
 use lumel::progress::Silent;
-use lumel::scene::{Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin, UvSet};
+use lumel::scene::{Mesh, Scene, UvSet};
 use lumel::unwrap::{Atlas, Density, UnwrapParams, UvMode, unwrap};
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-// ---- scenes ----
-
-/// A mesh of polygons over `positions`, fanned; each polygon has a material.
-fn mesh(positions: Vec<Vec3>, polygons: &[(Vec<u32>, u32)]) -> Mesh {
-    let mut mesh = Mesh { positions, ..Mesh::default() };
-    for (face, (polygon, material)) in polygons.iter().enumerate() {
-        for k in 1..polygon.len() - 1 {
-            let corners = [polygon[0], polygon[k], polygon[k + 1]];
-            mesh.triangles.push(corners);
-            mesh.triangle_material.push(*material);
-            mesh.origin.push(TriangleOrigin { part: 0, face: face as u32, corners });
-        }
-    }
-    mesh
-}
-
-fn quads(polygons: &[[u32; 4]]) -> Vec<(Vec<u32>, u32)> {
-    polygons.iter().map(|q| (q.to_vec(), 0)).collect()
-}
-
-fn cube(size: Vec3) -> Mesh {
-    let positions = (0..8).map(|i| size * Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32)).collect();
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    mesh(positions, &quads(&faces))
-}
-
-/// A sphere of quads (triangles at the poles), smooth enough to need curved charts.
-fn sphere(radius: f32, segments: u32, rings: u32) -> Mesh {
-    let mut positions = vec![Vec3::new(0.0, radius, 0.0)];
-    for r in 1..rings {
-        for s in 0..segments {
-            let (theta, phi) =
-                (std::f32::consts::PI * r as f32 / rings as f32, std::f32::consts::TAU * s as f32 / segments as f32);
-            positions.push(radius * Vec3::new(theta.sin() * phi.cos(), theta.cos(), -theta.sin() * phi.sin()));
-        }
-    }
-    positions.push(Vec3::new(0.0, -radius, 0.0));
-    let at = |r: u32, s: u32| 1 + (r - 1) * segments + s % segments;
-    let mut polygons = Vec::new();
-    for s in 0..segments {
-        polygons.push((vec![0, at(1, s), at(1, s + 1)], 0));
-        for r in 1..rings - 1 {
-            polygons.push((vec![at(r, s), at(r + 1, s), at(r + 1, s + 1), at(r, s + 1)], 0));
-        }
-        polygons.push((vec![at(rings - 1, s), positions.len() as u32 - 1, at(rings - 1, s + 1)], 0));
-    }
-    mesh(positions, &polygons)
-}
-
-fn surface(name: &str, mesh: usize, world_from_local: Affine3A) -> Surface {
-    Surface { name: name.into(), mesh, world_from_local, origin: SurfaceOrigin::None, role: Default::default() }
-}
-
-fn scene(meshes: Vec<Mesh>) -> Scene {
-    let surfaces = (0..meshes.len()).map(|m| surface(&format!("/s{m}"), m, Affine3A::IDENTITY)).collect();
-    Scene { meshes, surfaces, materials: vec![Material::default(), Material::default()], ..Scene::default() }
-}
-
-/// Five walls and two turned boxes: the shape of the Cornell box.
-fn cornell() -> Scene {
-    let s = 0.55;
-    let walls = cube(Vec3::splat(s));
-    let mut faces: Vec<[u32; 4]> = vec![[0, 1, 3, 2], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
-    let room = mesh(walls.positions, &quads(&std::mem::take(&mut faces)));
-    let mut scene = scene(vec![room, cube(Vec3::new(0.165, 0.33, 0.165)), cube(Vec3::splat(0.165))]);
-    scene.surfaces[1].world_from_local =
-        Affine3A::from_rotation_translation(Quat::from_rotation_y(0.3), Vec3::new(0.1, 0.0, 0.2));
-    scene.surfaces[2].world_from_local =
-        Affine3A::from_rotation_translation(Quat::from_rotation_y(-0.3), Vec3::new(0.3, 0.0, 0.3));
-    scene
-}
-
 fn params(density: Density) -> UnwrapParams {
-    UnwrapParams { density, page_size: 1024, max_pages: 64, padding: 2, uv: UvMode::Auto, uv_name: None }
+    UnwrapParams { density, page_size: 1024, ..UnwrapParams::default() }
 }
 
 // ---- the checker ----
@@ -158,43 +90,6 @@ fn check(scene: &Scene, atlas: &Atlas, authored_pages: bool) -> Figures {
     }
     let texels: usize = atlas.pages.iter().map(|p| p[0] as usize * p[1] as usize).sum();
     Figures { utilization: used as f64 / texels as f64, charts }
-}
-
-/// Texels that a triangle overlaps, but for slivers of a thousandth of a texel: by clipping, another way than the packer's.
-fn covered(triangle: [glam::DVec2; 3]) -> Vec<[usize; 2]> {
-    let border = 1e-3;
-    let low = triangle[0].min(triangle[1]).min(triangle[2]).floor();
-    let high = triangle[0].max(triangle[1]).max(triangle[2]);
-    let mut result = Vec::new();
-    let clip = |polygon: &[glam::DVec2], axis: usize, limit: f64, sign: f64| {
-        let mut out = Vec::new();
-        for k in 0..polygon.len() {
-            let (p, q) = (polygon[k], polygon[(k + 1) % polygon.len()]);
-            let (dp, dq) = ((p[axis] - limit) * sign, (q[axis] - limit) * sign);
-            if dp > 0.0 {
-                out.push(p);
-            }
-            if (dp > 0.0) != (dq > 0.0) {
-                out.push(p + (q - p) * (dp / (dp - dq)));
-            }
-        }
-        out
-    };
-    let mut y = low.y;
-    while y < high.y {
-        let row = clip(&clip(&triangle, 1, y + border, 1.0), 1, y + 1.0 - border, -1.0);
-        let x0 = row.iter().fold(f64::INFINITY, |m, p| m.min(p.x));
-        let x1 = row.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.x));
-        let mut x = x0.floor();
-        while x < x1 {
-            if x1.min(x + 1.0) - x0.max(x) > border {
-                result.push([x.max(0.0) as usize, y.max(0.0) as usize]);
-            }
-            x += 1.0;
-        }
-        y += 1.0;
-    }
-    result
 }
 
 fn run(scene: &Scene, params: &UnwrapParams) -> (Atlas, Warnings) {

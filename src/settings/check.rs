@@ -8,6 +8,7 @@ use crate::reference::BATCHES;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
+use crate::unwrap::PageSizes;
 use crate::write::GltfProfile;
 use crate::write::encode::Encoding;
 use crate::write::engines::LightmapExtension;
@@ -34,6 +35,8 @@ impl Settings {
         within("page-size", self.page_size, 16, 16384)?;
         within("max-pages", self.max_pages, 1, 1024)?;
         within("padding", self.padding, 1, 64)?;
+        within("mips", self.mips, 1, 6)?;
+        within("min-chart", self.min_chart, 1, 64)?;
         within("max-texture", self.max_texture, 1, MOST_TEXELS)?;
         within("max-texels", self.max_texels, 1, u64::MAX)?;
         within("max-memory", self.max_memory, 1 << 20, u64::MAX)?;
@@ -54,6 +57,12 @@ impl Settings {
         within("ao-distance", self.ao_distance, 0.0, 1e6)?;
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;
         within("time-budget", self.time_budget, 0.1, 1e6)?;
+        self.check_blocks()?;
+        for volume in &self.density_volumes {
+            if let Some(fault) = volume.fault() {
+                return Err(Error::invalid("density-volumes", fault));
+            }
+        }
         self.check_layers()?;
         self.check_pages()?;
         self.check_gather()?;
@@ -82,11 +91,6 @@ impl Settings {
             (self.float && !has_exr, "float", "is about exr, which encoding leaves out"),
             (!self.layers.is_empty() && !has_exr, "layers", "only exr holds layers; add it to encoding"),
             (
-                self.mips && !encodings.iter().any(|e| e.has_mips()),
-                "mips",
-                "only KTX2 holds levels; add ktx2-half or ktx2-bc6h to encoding",
-            ),
-            (
                 extension.is_some() && !has_engine_glb,
                 "gltf-lightmap-ext",
                 "is for the GLB engine, which gltf leaves out",
@@ -102,6 +106,23 @@ impl Settings {
                 "Needle Engine has no factor for lightmaps and reads E; choose the quantity irradiance",
             ),
         ])
+    }
+
+    /// Refuses sizes of pages that can't be had, and blocks that don't fill them.
+    fn check_blocks(&self) -> Result<()> {
+        if self.resolution.is_some() && self.pages == PageSizes::Free {
+            return Err(Error::invalid("pages", "resolution asks for one page of N x N texels; leave one of them out"));
+        }
+        let Some(align) = self.align else { return Ok(()) };
+        if !align.is_power_of_two() || align > 64 {
+            return Err(Error::invalid("align", format!("{align} is no power of two from 1 to 64")));
+        }
+        let side = self.resolution.or(self.page_size).unwrap_or(align);
+        if side % align != 0 {
+            let message = format!("blocks of {align} texels don't fill a page of {side}; choose a multiple of {align}");
+            return Err(Error::invalid("align", message));
+        }
+        Ok(())
     }
 
     fn check_layers(&self) -> Result<()> {

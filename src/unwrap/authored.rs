@@ -3,6 +3,7 @@
 //! A set is sound when its UVs are finite, lie in 0..1, have area, and don't overlap. Where all surfaces have sound sets that
 //! don't overlap each other either, the UVs are page coordinates as they stand; else each surface gets a rectangle for its set.
 
+use super::findings::{AuthoredUvs, Verdict};
 use super::layout::Content;
 use super::mask;
 use super::overlap::{Cells, bounds, centers};
@@ -45,7 +46,8 @@ impl Set {
     }
 }
 
-/// The sound authored set of each mesh that has one, by mesh.
+/// The sound authored set of each mesh that has one, by mesh, and what those that were refused are like. None where all are new or
+/// packed anew.
 ///
 /// # Errors
 /// `Invalid` under [`UvMode::Keep`], naming the first surface without a sound set and what is wrong; `Cancelled`.
@@ -55,12 +57,12 @@ pub fn sets(
     params: &UnwrapParams,
     warnings: &mut Warnings,
     progress: &dyn Progress,
-) -> Result<Vec<Option<Set>>> {
-    let mut sets = vec![None; users.len()];
-    if params.uv == UvMode::New {
-        return Ok(sets);
+) -> Result<(Vec<Option<Set>>, Vec<AuthoredUvs>)> {
+    let (mut sets, mut refused) = (vec![None; users.len()], Vec::new());
+    if matches!(params.uv, UvMode::New | UvMode::Repack) {
+        return Ok((sets, refused));
     }
-    let names: Vec<&str> = params.uv_name.as_deref().map_or(vec!["TEXCOORD_1", "st1"], |n| vec![n]);
+    let names = params.set_names();
     let named = |m: usize| names.iter().find_map(|&n| scene.meshes[m].uv_set(n).map(|coords| (n, coords)));
     let checked: Vec<Option<std::result::Result<Set, String>>> = (0..users.len())
         .into_par_iter()
@@ -79,7 +81,7 @@ pub fn sets(
     for (m, checked) in checked.into_iter().enumerate().filter(|(m, _)| !users[*m].is_empty()) {
         let mesh = &scene.meshes[m];
         let place = &scene.surfaces[users[m][0]].name;
-        let Some((name, _)) = named(m) else {
+        let Some((name, coords)) = named(m) else {
             if params.uv == UvMode::Keep {
                 let message = format!("has no UV set {}; export one, or let new UVs be made", names.join(" or "));
                 return Err(Error::invalid(place, message));
@@ -92,12 +94,22 @@ pub fn sets(
                 sets[m] = Some(set);
             }
             Err(reason) if params.uv == UvMode::Keep => {
-                return Err(Error::invalid(place, format!("UV set {name} {reason}; mend it, or let new UVs be made")));
+                return Err(Error::invalid(
+                    place,
+                    format!("UV set {name} {reason}; mend it, or ask for --uv repack or new"),
+                ));
             }
-            Err(reason) => warnings.add(place, format!("authored UV set {name} {reason}; new UVs were made")),
+            Err(reason) => {
+                let found = AuthoredUvs::measure(scene, users[m][0], name, coords, Verdict::Refused);
+                let place = format!("{place} ({})", found.summary());
+                let message =
+                    format!("authored UV set {name} {reason}; new UVs were made, --uv repack keeps its charts");
+                warnings.add(place, message);
+                refused.push(AuthoredUvs { reason: Some(reason), ..found });
+            }
         }
     }
-    Ok(sets)
+    Ok((sets, refused))
 }
 
 /// All sets as page space, where every surface has one and none overlap. Takes the sets then.
@@ -244,7 +256,7 @@ fn check(mesh: &Mesh, coords: &[Vec2]) -> std::result::Result<Set, String> {
 }
 
 /// The chart of each triangle: connected in UVs by an edge, with one material.
-fn charts(mesh: &Mesh, coords: &[Vec2]) -> Vec<u32> {
+pub fn charts(mesh: &Mesh, coords: &[Vec2]) -> Vec<u32> {
     let all: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
     let place = weld(mesh, coords);
     let mut edges = Vec::with_capacity(3 * all.len());

@@ -1,12 +1,12 @@
-//! Flat charts in metres: made by projection or from xatlas, and made sound.
+//! Flat charts in metres: made by projection or from an unwrapper, and made sound.
 //!
-//! A chart that leaves this module has triangles of positive UV area alone, none on top of another (as far as sampling sees),
-//! a total UV area equal to its area in space, and its smallest bounding box along the axes with a corner at the origin.
+//! A chart that leaves this module has triangles of positive UV area alone, none on top of another ([`super::overlap`]), a
+//! total UV area equal to its area in space, and its smallest bounding box along the axes with a corner at the origin.
 
 use super::overlap;
 use super::shape::{Sets, Shape};
 use glam::{DVec2, DVec3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// A chart: triangles of one mesh, flattened.
 #[derive(Clone, Debug)]
@@ -17,6 +17,24 @@ pub struct Chart {
     pub uv: Vec<[DVec2; 3]>,
     /// Size of the bounding box [m]; both are positive.
     pub size: DVec2,
+    /// Factor on the density of its mesh.
+    pub factor: f64,
+}
+
+/// What an unwrapper leaves of a chart's shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Proportions {
+    /// Its width and height are to scale.
+    Kept,
+    /// Both were scaled on their own.
+    Lost,
+}
+
+impl Chart {
+    /// Area [m²].
+    pub fn area(&self) -> f64 {
+        self.uv.iter().map(|t| signed_area(*t)).sum()
+    }
 }
 
 /// Normals of a planar chart differ by at most about 0.3 degrees from their mean.
@@ -27,6 +45,8 @@ const REGION_COS: f64 = 0.9;
 const PROJECT_COS: f64 = 0.3;
 /// Triangles of a conformal map may be this many times larger or smaller than in space, in area; beyond it they are cut off.
 const MAX_STRETCH: f64 = 10.0;
+/// Authored triangles may be this many times smaller than their chart's mean, in area: artists save texels where nobody looks.
+const LEAST_AUTHORED: f64 = 1e-3;
 
 /// True where all `triangles`, which must be connected, lie in one plane.
 pub fn is_flat(shape: &Shape, triangles: &[u32]) -> bool {
@@ -43,13 +63,19 @@ pub fn planar(shape: &Shape, triangles: &[u32]) -> Option<Vec<Chart>> {
     })
 }
 
-/// Charts from a flattening by xatlas, whose aspect ratio and sign are unknown. Triangles without UVs are attached to the rest
+/// Charts from an unwrapper's flattening, whose sign and scale are unknown. Triangles without UVs are attached to the rest
 /// of their polygon. What was left flipped, far too small or far too large goes to `rejected`, polygon by polygon.
-pub fn flattened(shape: &Shape, triangles: &[u32], uv: &[Option<[DVec2; 3]>], rejected: &mut Vec<u32>) -> Vec<Chart> {
+pub fn flattened(
+    shape: &Shape,
+    triangles: &[u32],
+    uv: &[Option<[DVec2; 3]>],
+    proportions: Proportions,
+    rejected: &mut Vec<u32>,
+) -> Vec<Chart> {
     if let Some(charts) = planar(shape, triangles) {
         return charts;
     }
-    let Some(scale) = natural_scale(shape, triangles, uv) else {
+    let Some(scale) = natural_scale(shape, triangles, uv, proportions) else {
         rejected.extend(triangles);
         return Vec::new();
     };
@@ -74,6 +100,24 @@ pub fn flattened(shape: &Shape, triangles: &[u32], uv: &[Option<[DVec2; 3]>], re
             kept_uv.push(corners);
         }
     }
+    if kept.is_empty() { Vec::new() } else { separate(shape, kept, kept_uv) }
+}
+
+/// An authored chart, scaled to its area in space; more than one where it overlaps itself. Polygons with a triangle that is mirrored
+/// against most of the chart, or has next to no area beside what it has in space, go to `rejected`.
+pub fn authored(shape: &Shape, triangles: Vec<u32>, mut uv: Vec<[DVec2; 3]>, rejected: &mut Vec<u32>) -> Vec<Chart> {
+    let signed: f64 = uv.iter().map(|t| signed_area(*t)).sum();
+    if signed < 0.0 {
+        uv.iter_mut().flatten().for_each(|p| p.x = -p.x);
+    }
+    let flat: f64 = uv.iter().map(|t| signed_area(*t).abs()).sum();
+    let area: f64 = triangles.iter().map(|t| shape.area(*t)).sum();
+    let is_bad = |i: usize| signed_area(uv[i]) * area <= LEAST_AUTHORED * shape.area(triangles[i]) * flat;
+    let bad: HashSet<u32> =
+        (0..triangles.len()).filter(|i| is_bad(*i)).map(|i| shape.polygon[triangles[i] as usize]).collect();
+    let is_kept = |t: &u32| !bad.contains(&shape.polygon[*t as usize]);
+    rejected.extend(triangles.iter().filter(|t| !is_kept(t)));
+    let (kept, kept_uv): (Vec<u32>, Vec<_>) = triangles.into_iter().zip(uv).filter(|(t, _)| is_kept(t)).unzip();
     if kept.is_empty() { Vec::new() } else { separate(shape, kept, kept_uv) }
 }
 
@@ -203,7 +247,7 @@ fn finish(shape: &Shape, triangles: Vec<u32>, mut uv: Vec<[DVec2; 3]>) -> Chart 
     uv.iter_mut().flatten().for_each(|p| *p -= low);
     // A chart too thin for its coordinates still has a size to divide by.
     let size = (high - low).max(DVec2::splat(1e-6 * (high - low).max_element().max(f64::MIN_POSITIVE)));
-    Chart { triangles, uv, size }
+    Chart { triangles, uv, size, factor: 1.0 }
 }
 
 /// The x axis (unit) of the smallest box around `points` that has a side along their convex hull.
@@ -305,9 +349,14 @@ fn attach(shape: &Shape, triangles: &[u32], uv: Vec<Option<[DVec2; 3]>>) -> Vec<
     }
 }
 
-/// The factors on u and v that make xatlas' unit square a chart again: the aspect ratio of least Dirichlet energy, which is
-/// the most conformal one, the total area of space, and the sign that most of the area has.
-fn natural_scale(shape: &Shape, triangles: &[u32], uv: &[Option<[DVec2; 3]>]) -> Option<DVec2> {
+/// The factors on u and v that make an unwrapper's UVs a chart in metres: the total area of space, the sign that most of the area
+/// has, and where proportions are lost, the aspect ratio of least Dirichlet energy, which is the most conformal one.
+fn natural_scale(
+    shape: &Shape,
+    triangles: &[u32],
+    uv: &[Option<[DVec2; 3]>],
+    proportions: Proportions,
+) -> Option<DVec2> {
     let mut energy = DVec2::ZERO;
     let (mut area, mut flat, mut signed) = (0.0, 0.0, 0.0);
     for (&t, uv) in triangles.iter().zip(uv) {
@@ -327,7 +376,10 @@ fn natural_scale(shape: &Shape, triangles: &[u32], uv: &[Option<[DVec2; 3]>]) ->
         signed += signed_area(*uv);
         flat += signed_area(*uv).abs();
     }
-    let aspect = (energy.y / energy.x).sqrt().sqrt();
+    let aspect = match proportions {
+        Proportions::Kept => 1.0,
+        Proportions::Lost => (energy.y / energy.x).sqrt().sqrt(),
+    };
     let scale = (area / flat).sqrt();
     let scale = DVec2::new(scale * aspect * f64::signum(signed), scale / aspect);
     (scale.is_finite() && scale.x != 0.0 && scale.y != 0.0).then_some(scale)

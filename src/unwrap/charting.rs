@@ -1,9 +1,10 @@
-//! Meshes to charts: flat parts by projection, the others by xatlas, whatever that leaves by projection again.
+//! Meshes to charts: flat parts by projection, the others by an unwrapper, whatever that leaves by projection again.
 
-use super::chart::{self, Chart};
+use super::chart::{self, Chart, Proportions};
+use super::params::Unwrapper;
+use super::part::{Part, Unwrapped};
 use super::shape::Shape;
-use super::split;
-use super::xatlas::{Part, unwrap_parts};
+use super::{split, uvunwrap, xatlas};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::{DVec2, DVec3};
@@ -15,10 +16,10 @@ const BATCH_TRIANGLES: usize = 4096;
 /// Parts of one call: xatlas queues at most 1024 tasks.
 const BATCH_PARTS: usize = 256;
 
-/// A connected part of a mesh that xatlas is to chart.
+/// A connected part of a mesh that the unwrapper is to chart.
 struct Job {
     shape: usize,
-    /// The triangles that xatlas sees.
+    /// The triangles that it sees.
     triangles: Vec<u32>,
     part: Part,
 }
@@ -30,8 +31,9 @@ type Batch = Vec<(usize, Vec<Chart>, Vec<u32>)>;
 ///
 /// # Errors
 /// `Cancelled`.
-pub fn charts(shapes: &[Shape], progress: &dyn Progress) -> Result<Vec<Vec<Chart>>> {
-    let prepared: Vec<_> = shapes.par_iter().enumerate().map(|(i, shape)| prepare(i, shape, progress)).collect();
+pub fn charts(shapes: &[Shape], unwrapper: Unwrapper, progress: &dyn Progress) -> Result<Vec<Vec<Chart>>> {
+    let prepared: Vec<_> =
+        shapes.par_iter().enumerate().map(|(i, shape)| prepare(i, shape, unwrapper, progress)).collect();
     progress.check()?;
     let mut jobs = Vec::new();
     let (mut charts, mut rejected) = (Vec::new(), Vec::new());
@@ -44,7 +46,7 @@ pub fn charts(shapes: &[Shape], progress: &dyn Progress) -> Result<Vec<Vec<Chart
         .into_par_iter()
         .map(|batch| {
             progress.check()?;
-            Ok(run(shapes, batch, progress))
+            run(shapes, batch, unwrapper, progress)
         })
         .collect::<Result<_>>()?;
     for (shape, flat, left) in batches.into_iter().flatten() {
@@ -56,10 +58,22 @@ pub fn charts(shapes: &[Shape], progress: &dyn Progress) -> Result<Vec<Vec<Chart
     Ok(charts)
 }
 
-/// Charts for the flat parts of a mesh, triangles that xatlas can't take, and jobs for the rest.
-fn prepare(index: usize, shape: &Shape, progress: &dyn Progress) -> (Vec<Chart>, Vec<u32>, Vec<Job>) {
+/// Charts for the flat parts of a mesh, triangles that the unwrapper can't take, and jobs for the rest.
+fn prepare(
+    index: usize,
+    shape: &Shape,
+    unwrapper: Unwrapper,
+    progress: &dyn Progress,
+) -> (Vec<Chart>, Vec<u32>, Vec<Job>) {
     let (mut charts, mut rejected, mut jobs) = (Vec::new(), Vec::new(), Vec::new());
-    for part in shape.parts().into_iter().flat_map(|part| split::pieces(shape, part)) {
+    let parts = shape.parts().into_iter();
+    let pieces: Vec<Vec<u32>> = match unwrapper {
+        Unwrapper::Xatlas => parts.flat_map(|part| split::pieces(shape, part, split::XATLAS_LIMIT)).collect(),
+        Unwrapper::Uvunwrap => (parts.flat_map(|part| split::sheets(shape, part)))
+            .flat_map(|part| split::pieces(shape, part, split::UVUNWRAP_LIMIT))
+            .collect(),
+    };
+    for part in pieces {
         if let Some(flat) = chart::planar(shape, &part) {
             charts.extend(flat);
             progress.advance(part.len() as u64);
@@ -74,7 +88,7 @@ fn prepare(index: usize, shape: &Shape, progress: &dyn Progress) -> (Vec<Chart>,
     (charts, rejected, jobs)
 }
 
-/// A part for xatlas: centred, and scaled to a median edge of 1, since xatlas' epsilons are absolute. Slivers that those would
+/// A part for the unwrapper: centred, and scaled to a median edge of 1, since epsilons are absolute. Slivers that those would
 /// swallow go to `rejected`.
 fn job(index: usize, shape: &Shape, triangles: &[u32], rejected: &mut Vec<u32>) -> Job {
     let mut lengths: Vec<f64> = triangles
@@ -106,6 +120,7 @@ fn job(index: usize, shape: &Shape, triangles: &[u32], rejected: &mut Vec<u32>) 
             continue;
         }
         job.triangles.push(t);
+        job.part.polygons.push(shape.polygon[t as usize]);
         job.part.triangles.push(shape.mesh.triangles[t as usize].map(|v| {
             let w = shape.welded[v as usize];
             *number.entry(w).or_insert_with(|| {
@@ -132,45 +147,52 @@ fn batches(jobs: Vec<Job>) -> Vec<Vec<Job>> {
     batches
 }
 
-fn run(shapes: &[Shape], mut batch: Vec<Job>, progress: &dyn Progress) -> Batch {
+fn run(shapes: &[Shape], mut batch: Vec<Job>, unwrapper: Unwrapper, progress: &dyn Progress) -> Result<Batch> {
     let parts: Vec<Part> = batch.iter_mut().map(|j| std::mem::take(&mut j.part)).collect();
-    let unwrapped = unwrap_parts(&parts);
-    let finished = batch.iter().zip(unwrapped).map(|(job, unwrapped)| {
-        let shape = &shapes[job.shape];
-        let (mut charts, mut rejected) = (Vec::new(), Vec::new());
-        let chart_of = whole_polygons(shape, &job.triangles, &unwrapped.chart);
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); unwrapped.chart_count as usize];
-        for (i, &c) in chart_of.iter().enumerate() {
-            match members.get_mut(c as usize) {
-                Some(list) => list.push(i),
-                None => rejected.push(job.triangles[i]),
-            }
-        }
-        for list in members.iter_mut().filter(|l| !l.is_empty()) {
-            // Polygons that xatlas had cut come last, so that they give way where they overlap others.
-            let cut: HashSet<u32> = list
-                .iter()
-                .filter(|&&i| unwrapped.chart[i] != chart_of[i])
-                .map(|&i| shape.polygon[job.triangles[i] as usize])
-                .collect();
-            list.sort_by_key(|&i| cut.contains(&shape.polygon[job.triangles[i] as usize]));
-            let triangles: Vec<u32> = list.iter().map(|&i| job.triangles[i]).collect();
-            let uv: Vec<_> = list
-                .iter()
-                .map(|&i| {
-                    let double = |[u, v]: [f32; 2]| DVec2::new(f64::from(u), f64::from(v));
-                    (unwrapped.chart[i] == chart_of[i]).then(|| unwrapped.uv[i].map(double))
-                })
-                .collect();
-            charts.extend(chart::flattened(shape, &triangles, &uv, &mut rejected));
-        }
+    let unwrapped = match unwrapper {
+        Unwrapper::Xatlas => xatlas::unwrap_parts(&parts),
+        Unwrapper::Uvunwrap => parts.iter().map(|p| uvunwrap::unwrap_part(p, progress)).collect::<Result<_>>()?,
+    };
+    let proportions = match unwrapper {
+        Unwrapper::Xatlas => Proportions::Lost,
+        Unwrapper::Uvunwrap => Proportions::Kept,
+    };
+    let finished = batch.iter().zip(&unwrapped).map(|(job, unwrapped)| {
+        let (charts, rejected) = finish(&shapes[job.shape], job, unwrapped, proportions);
         progress.advance(job.triangles.len() as u64);
         (job.shape, charts, rejected)
     });
-    finished.collect()
+    Ok(finished.collect())
 }
 
-/// One chart for all triangles of a polygon: the one that has most of its area, `u32::MAX` where xatlas left that out.
+/// The charts of a part from what the unwrapper made of it, and the triangles that it left out or spoilt.
+fn finish(shape: &Shape, job: &Job, unwrapped: &Unwrapped, proportions: Proportions) -> (Vec<Chart>, Vec<u32>) {
+    let (mut charts, mut rejected) = (Vec::new(), Vec::new());
+    let chart_of = whole_polygons(shape, &job.triangles, &unwrapped.chart);
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); unwrapped.chart_count as usize];
+    for (i, &c) in chart_of.iter().enumerate() {
+        match members.get_mut(c as usize) {
+            Some(list) => list.push(i),
+            None => rejected.push(job.triangles[i]),
+        }
+    }
+    for list in members.iter_mut().filter(|l| !l.is_empty()) {
+        // Polygons that were cut come last, so that they give way where they overlap others.
+        let cut: HashSet<u32> = list
+            .iter()
+            .filter(|&&i| unwrapped.chart[i] != chart_of[i])
+            .map(|&i| shape.polygon[job.triangles[i] as usize])
+            .collect();
+        list.sort_by_key(|&i| cut.contains(&shape.polygon[job.triangles[i] as usize]));
+        let triangles: Vec<u32> = list.iter().map(|&i| job.triangles[i]).collect();
+        let uv_of = |&i: &usize| (unwrapped.chart[i] == chart_of[i]).then(|| unwrapped.uv[i].map(DVec2::from));
+        let uv: Vec<_> = list.iter().map(uv_of).collect();
+        charts.extend(chart::flattened(shape, &triangles, &uv, proportions, &mut rejected));
+    }
+    (charts, rejected)
+}
+
+/// One chart for all triangles of a polygon: the one that has most of its area, `u32::MAX` where that was left out.
 fn whole_polygons(shape: &Shape, triangles: &[u32], chart: &[u32]) -> Vec<u32> {
     let mut areas: HashMap<u32, Vec<(u32, f64)>> = HashMap::new();
     for (&t, &c) in triangles.iter().zip(chart) {

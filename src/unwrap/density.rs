@@ -1,8 +1,12 @@
 //! Densities that surfaces ask for, by mesh: all surfaces of a mesh share its UVs, and with them the size of its texels.
 
+use super::chart::Chart;
+use super::layout::Content;
+use super::{Importance, UnwrapParams, volume};
 use crate::error::Warnings;
 use crate::scene::role::HIDDEN_SCALE;
 use crate::scene::{Role, Scene};
+use rayon::prelude::*;
 
 /// A mesh's density: its own or the bake's, times a factor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,4 +80,122 @@ pub fn shares(scene: &Scene, users: &[Vec<usize>], warnings: &mut Warnings) -> V
         Some(held)
     };
     users.iter().map(share).map(Option::unwrap_or_default).collect()
+}
+
+/// Densities once volumes and importance are in them.
+pub struct Factored {
+    /// By mesh: of authored sets that are kept, the factor is part of the scale; charts hold theirs.
+    pub shares: Vec<Share>,
+    /// Area of each surface [m²] times the square of the factor that its charts have.
+    pub areas: Vec<f64>,
+}
+
+/// Gives charts, and authored sets by their mesh's share, the factors that `params` ask for. A mesh of several surfaces has one
+/// layout: of volumes, it gets what the surface gets that gets most.
+pub fn factor(
+    scene: &Scene,
+    users: &[Vec<usize>],
+    areas: &[f64],
+    params: &UnwrapParams,
+    mut shares: Vec<Share>,
+    contents: &mut [Content],
+) -> Factored {
+    if params.volumes.is_empty() && params.importance.is_none() {
+        return Factored { shares, areas: areas.to_vec() };
+    }
+    let even = params.importance.as_ref().map(|i| evening(scene, users, areas, &shares, i, contents));
+    let none = Importance::default();
+    let importance = params.importance.as_ref().unwrap_or(&none);
+    let means: Vec<f64> = (contents.par_iter_mut().zip(&mut shares).enumerate())
+        .map(|(m, (content, share))| {
+            let even = even.as_ref().map_or(1.0, |e| e[m]);
+            let by_volumes = |triangles: &[u32]| {
+                let of = |s: &usize| volume_factor(scene, *s, triangles, params);
+                users[m].iter().map(of).fold(0.0, f64::max)
+            };
+            match content {
+                Content::Charts(charts) => {
+                    for (c, chart) in charts.iter_mut().enumerate() {
+                        chart.factor = even * importance.of(m, c) * by_volumes(&chart.triangles);
+                    }
+                    mean_square(charts)
+                }
+                Content::Shared(charts) => {
+                    let all: Vec<u32> = (0..scene.meshes[m].triangles.len() as u32).collect();
+                    let of_mesh = by_volumes(&all);
+                    for (c, chart) in charts.iter_mut().enumerate() {
+                        chart.factor = even * importance.of(m, c) * of_mesh;
+                    }
+                    mean_square(charts)
+                }
+                Content::Authored { .. } => {
+                    let all: Vec<u32> = (0..scene.meshes[m].triangles.len() as u32).collect();
+                    share.scale *= even * authored_factor(importance, m) * by_volumes(&all);
+                    1.0
+                }
+                Content::Unused => 1.0,
+            }
+        })
+        .collect();
+    let areas = scene.surfaces.iter().zip(areas).map(|(s, area)| area * means[s.mesh]).collect();
+    Factored { shares, areas }
+}
+
+/// By mesh, the factor that keeps the texels of shown surfaces what they would be without `importance`: one for all of the bake's
+/// density, and one for each mesh of its own.
+fn evening(
+    scene: &Scene,
+    users: &[Vec<usize>],
+    areas: &[f64],
+    shares: &[Share],
+    importance: &Importance,
+    contents: &[Content],
+) -> Vec<f64> {
+    let square = |m: usize| match &contents[m] {
+        Content::Charts(charts) | Content::Shared(charts) => {
+            weighed_mean(charts.iter().enumerate().map(|(c, chart)| (chart.area(), importance.of(m, c).powi(2))))
+        }
+        Content::Authored { .. } => authored_factor(importance, m).powi(2),
+        Content::Unused => 1.0,
+    };
+    let squares: Vec<f64> = (0..contents.len()).map(square).collect();
+    let texels = |m: usize| {
+        let shown = users[m].iter().filter(|s| scene.surfaces[**s].role.is_shown());
+        shown.map(|s| areas[*s]).sum::<f64>() * shares[m].scale.powi(2)
+    };
+    let bakes_own = (0..contents.len()).filter(|m| shares[*m].own.is_none());
+    let of_all = weighed_mean(bakes_own.map(|m| (texels(m), squares[m])));
+    let mean = |m: usize| if shares[m].own.is_none() { of_all } else { squares[m] };
+    (0..contents.len()).map(|m| mean(m).sqrt().recip()).collect()
+}
+
+/// The factor of an authored set that is kept: the root of the mean square of its charts' factors.
+fn authored_factor(importance: &Importance, mesh: usize) -> f64 {
+    let count = importance.factors.get(mesh).map_or(0, Vec::len);
+    let sum: f64 = (0..count).map(|c| importance.of(mesh, c).powi(2)).sum();
+    if count > 0 { (sum / count as f64).sqrt() } else { 1.0 }
+}
+
+/// The mean square of the charts' factors over their area.
+fn mean_square(charts: &[Chart]) -> f64 {
+    weighed_mean(charts.iter().map(|c| (c.area(), c.factor.powi(2))))
+}
+
+/// The mean of (weight, value); 1 without weight.
+fn weighed_mean(items: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (sum, total) = items.fold((0.0, 0.0), |(s, t), (weight, value)| (s + weight * value, t + weight));
+    if total > 0.0 { sum / total } else { 1.0 }
+}
+
+/// The factor that volumes give some triangles of a surface.
+fn volume_factor(scene: &Scene, surface: usize, triangles: &[u32], params: &UnwrapParams) -> f64 {
+    if params.volumes.is_empty() {
+        return 1.0;
+    }
+    let weighed = |&t: &u32| {
+        let corners = scene.world_triangle(surface, t as usize);
+        let [a, b, c] = corners.map(|p| p.as_dvec3());
+        (0.5 * (b - a).cross(c - a).length(), volume::mean_square(&params.volumes, corners))
+    };
+    weighed_mean(triangles.iter().map(weighed)).sqrt()
 }

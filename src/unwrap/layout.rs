@@ -2,9 +2,10 @@
 
 use super::chart::Chart;
 use super::density::Share;
-use super::mask::Page;
+use super::mask::{Page, Spacing};
 use super::pack::{self, Block, Order, Piece, Slot};
-use super::{Density, UnwrapParams};
+use super::pages::{Overflow, Paging, add_hidden, assign, cost, place_surfaces};
+use super::{Density, PageSizes, UnwrapParams};
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use glam::DVec2;
@@ -60,7 +61,7 @@ pub struct Subject<'a> {
     pub meshes: &'a [usize],
     /// The name of each surface.
     pub names: &'a [&'a str],
-    /// Area of each surface [m²].
+    /// Area of each surface [m²], times the square of the factor on its density that its charts have.
     pub areas: &'a [f64],
     /// Which surfaces lie on pages that are written.
     pub shown: &'a [bool],
@@ -70,7 +71,7 @@ pub struct Subject<'a> {
 
 impl Subject<'_> {
     /// The surfaces that are shown, or those that aren't.
-    fn surfaces(&self, shown: bool) -> Vec<usize> {
+    pub fn surfaces(&self, shown: bool) -> Vec<usize> {
         (0..self.meshes.len()).filter(|&s| self.shown[s] == shown).collect()
     }
 
@@ -103,16 +104,9 @@ impl Densities<'_> {
     }
 }
 
-/// Why surfaces don't fit their pages.
-enum Overflow {
-    /// More than `max_pages` are needed; how many times the texels of all pages, about.
-    Pages(f64),
-    /// This surface alone fills more than a page.
-    Surface(usize),
-}
-
-/// Finds density and places as `params` ask for. Where charts of the least size, a texel each, don't fit with the
-/// padding between them, there is less of it, down to none, with a warning.
+/// Finds density and places as `params` ask for. Where charts of the least size don't fit with the padding between them, there is
+/// less of it, down to none, with a warning. Each search makes a fixed number of tries, so that equal input gives equal bits on
+/// slow and fast machines.
 ///
 /// # Errors
 /// `Invalid` where nothing fits at any density and padding; `Cancelled`.
@@ -157,8 +151,9 @@ fn lay_out(
         Density::FillPage(side) => f64::from(side).powi(2),
         _ => f64::from(params.page_size).powi(2) * f64::from(params.max_pages),
     };
-    // A chart of one texel, with its share of the padding.
-    let least = f64::from(1 + params.padding).powi(2) * least_pieces(subject) as f64;
+    // A chart of the least size, with its share of the padding.
+    let spacing = params.spacing();
+    let least = f64::from(spacing.taken(spacing.least)).powi(2) * least_pieces(subject) as f64;
     if least > pages {
         return Ok(None);
     }
@@ -169,7 +164,7 @@ fn lay_out(
     }
 }
 
-/// Charts of all surfaces: each takes a texel at least.
+/// Charts of all surfaces.
 fn least_pieces(subject: &Subject) -> usize {
     let charts = |mesh: usize| match &subject.contents[mesh] {
         Content::Charts(charts) | Content::Shared(charts) => charts.len(),
@@ -199,9 +194,9 @@ const FEW: usize = 500;
 
 /// One page of `side` squared, filled as well as bisection finds; hidden surfaces on further ones. `None` where nothing fits.
 fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Progress) -> Result<Option<Layout>> {
-    let padding = params.padding;
+    let spacing = params.spacing();
     let shown = subject.surfaces(true);
-    let caps = caps(subject, side, padding);
+    let caps = caps(subject, side, spacing);
     let attempt = |density: f64| -> Result<Option<Layout>> {
         let densities = Densities { shares: subject.shares, caps: &caps, density, asked: density };
         let is_too_long = |&s: &usize| {
@@ -211,20 +206,20 @@ fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Prog
         if shown.iter().any(is_too_long) {
             return Ok(None);
         }
-        let sized = measure(subject, &densities, padding, progress)?;
+        let sized = measure(subject, &densities, spacing, progress)?;
         let count: usize = shown.iter().map(|&s| sized[subject.meshes[s]].pieces.len()).sum();
-        if cost(subject, &sized, &shown, padding) > 1.1 * f64::from(side) * f64::from(side) {
+        if cost(subject, &sized, &shown, spacing) > 1.1 * f64::from(side) * f64::from(side) {
             return Ok(None);
         }
         let orders: &[Order] = if count <= FEW { &[Order::Side, Order::Texels] } else { &[Order::Side] };
         for &order in orders {
-            let mut page = Page::new([side, side], padding, padding);
+            let mut page = Page::new([side, side], spacing, spacing.margin());
             if let Some(slots) = place_surfaces(subject, &sized, &shown, &mut page, order, progress)? {
-                let mut layout =
-                    Layout { pages: vec![[side, side]], density, padding, sized, surfaces: Vec::new(), shown_pages: 1 };
+                let (pages, padding) = (vec![[side, side]], spacing.padding);
+                let mut layout = Layout { pages, density, padding, sized, surfaces: Vec::new(), shown_pages: 1 };
                 layout.surfaces = vec![(0, Vec::new()); subject.meshes.len()];
                 shown.iter().zip(slots).for_each(|(&s, slots)| layout.surfaces[s] = (0, slots));
-                let hidden = Paging { page_size: side, max_pages: MOST_HIDDEN_PAGES, padding };
+                let hidden = Paging { page_size: side, max_pages: MOST_HIDDEN_PAGES, pages: PageSizes::Pot, spacing };
                 return Ok(add_hidden(subject, layout, &hidden, progress)?.ok());
             }
         }
@@ -260,10 +255,11 @@ fn spread(
     warnings: &mut Warnings,
     progress: &dyn Progress,
 ) -> Result<Option<Layout>> {
-    let paging = Paging { page_size: params.page_size, max_pages: params.max_pages, padding: params.padding };
+    let (spacing, pages) = (params.spacing(), params.pages);
+    let paging = Paging { page_size: params.page_size, max_pages: params.max_pages, pages, spacing };
     let hidden = Paging { max_pages: MOST_HIDDEN_PAGES, ..paging };
     let shown = subject.surfaces(true);
-    let mut caps = caps(subject, params.page_size, params.padding);
+    let mut caps = caps(subject, params.page_size, spacing);
     let page_area = f64::from(params.page_size).powi(2);
     let mut density = asked;
     // Far beyond what fits, bitmaps needn't be made to know it.
@@ -275,9 +271,9 @@ fn spread(
     }
     for _ in 0..200 {
         let densities = Densities { shares: subject.shares, caps: &caps, density, asked };
-        let sized = measure(subject, &densities, params.padding, progress)?;
+        let sized = measure(subject, &densities, spacing, progress)?;
         let shown_layout = assign(subject, &sized, &shown, &paging, progress)?;
-        let costs_of = |surface: usize| cost(subject, &sized, &[surface], params.padding);
+        let costs_of = |surface: usize| cost(subject, &sized, &[surface], spacing);
         let overflow = match shown_layout {
             Ok((pages, surfaces)) => {
                 // Too large ones among the hidden are found by their cost once the layout has taken the sizes.
@@ -332,146 +328,17 @@ fn warn_of_lowered(subject: &Subject, densities: &Densities, params: &UnwrapPara
 /// Hidden pages at most; they cost memory alone.
 const MOST_HIDDEN_PAGES: u32 = 1024;
 
-/// Which pages may be filled.
-#[derive(Clone, Copy)]
-struct Paging {
-    page_size: u32,
-    max_pages: u32,
-    padding: u32,
-}
-
-/// Adds pages for the surfaces that aren't shown to the layout of those that are.
-fn add_hidden(
-    subject: &Subject,
-    mut layout: Layout,
-    paging: &Paging,
-    progress: &dyn Progress,
-) -> Result<std::result::Result<Layout, Overflow>> {
-    let hidden = subject.surfaces(false);
-    if hidden.is_empty() {
-        return Ok(Ok(layout));
-    }
-    let first = layout.pages.len() as u32;
-    Ok(assign(subject, &layout.sized, &hidden, paging, progress)?.map(|(pages, mut surfaces)| {
-        layout.pages.extend(pages);
-        for s in hidden {
-            let (page, slots) = std::mem::take(&mut surfaces[s]);
-            layout.surfaces[s] = (first + page, slots);
-        }
-        layout
-    }))
-}
-
-type Places = (Vec<[u32; 2]>, Vec<(u32, Vec<Slot>)>);
-
-/// Fills page after page with the surfaces `which`.
-fn assign(
-    subject: &Subject,
-    sized: &[Sized],
-    which: &[usize],
-    paging: &Paging,
-    progress: &dyn Progress,
-) -> Result<std::result::Result<Places, Overflow>> {
-    let Paging { page_size, max_pages, padding } = *paging;
-    let costs: Vec<f64> = (0..subject.meshes.len()).map(|s| cost(subject, sized, &[s], padding)).collect();
-    let mut left: Vec<usize> = which.to_vec();
-    left.sort_by(|&a, &b| costs[b].total_cmp(&costs[a]).then(a.cmp(&b)));
-    let full = [page_size; 2];
-    let page_area = f64::from(page_size).powi(2);
-    let mut pages = Vec::new();
-    let mut surfaces = vec![(0, Vec::new()); costs.len()];
-    while !left.is_empty() {
-        let total: f64 = left.iter().map(|&s| costs[s]).sum();
-        if pages.len() == max_pages as usize || total > 1.2 * page_area * f64::from(max_pages) {
-            let missing = total / page_area / f64::from(max_pages);
-            return Ok(Err(Overflow::Pages((missing + pages.len() as f64 / f64::from(max_pages)) * 1.1)));
-        }
-        let number = pages.len() as u32;
-        // All of the rest on one page, as small a one as holds it.
-        let mut done = false;
-        for size in page_sizes(page_size).filter(|s| f64::from(s[0]) * f64::from(s[1]) > 0.95 * total).take(5) {
-            let mut page = Page::new(size, padding, padding);
-            if let Some(slots) = place_surfaces(subject, sized, &left, &mut page, Order::Side, progress)? {
-                left.drain(..).zip(slots).for_each(|(s, slots)| surfaces[s] = (number, slots));
-                pages.push(size);
-                done = true;
-                break;
-            }
-        }
-        if done {
-            break;
-        }
-        // As many of the largest as fit, then what else finds room between them.
-        let mut page = Page::new(full, padding, padding);
-        let mut count = 0;
-        for share in [0.95, 0.85, 0.75, 0.65, 0.5, 0.35, 0.0] {
-            let mut sum = 0.0;
-            let next = left.iter().take_while(|&&s| {
-                sum += costs[s];
-                sum <= share * page_area
-            });
-            let next = next.count().max(1);
-            if next == count {
-                continue;
-            }
-            count = next;
-            page = Page::new(full, padding, padding);
-            if let Some(slots) = place_surfaces(subject, sized, &left[..count], &mut page, Order::Side, progress)? {
-                left.drain(..count).zip(slots).for_each(|(s, slots)| surfaces[s] = (number, slots));
-                done = true;
-                break;
-            }
-        }
-        if !done {
-            return Ok(Err(Overflow::Surface(left[0])));
-        }
-        let mut failures = 0;
-        let mut kept = Vec::new();
-        for s in left {
-            if failures < 16 {
-                let mut trial = page.clone();
-                if let Some(mut slots) = place_surfaces(subject, sized, &[s], &mut trial, Order::Side, progress)? {
-                    page = trial;
-                    surfaces[s] = (number, slots.pop().unwrap_or_default());
-                    continue;
-                }
-                failures += 1;
-            }
-            kept.push(s);
-        }
-        left = kept;
-        pages.push(full);
-    }
-    Ok(Ok((pages, surfaces)))
-}
-
-/// Page sizes up to `largest`, small ones first: powers of two from 16 on, square or two to one.
-fn page_sizes(largest: u32) -> impl Iterator<Item = [u32; 2]> {
-    let mut sizes = vec![[largest; 2]];
-    let mut side = 16;
-    while side <= largest {
-        sizes.push([side, side]);
-        if side * 2 <= largest {
-            sizes.push([side * 2, side]);
-        }
-        side *= 2;
-    }
-    sizes.sort_unstable_by_key(|s| s[0] * s[1]);
-    sizes.dedup();
-    sizes.into_iter()
-}
-
 /// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than
 /// it.
-fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
-    let side = f64::from(side.saturating_sub(2 * padding).max(1));
+fn caps(subject: &Subject, side: u32, spacing: Spacing) -> Vec<f64> {
+    let side = f64::from(side.saturating_sub(2 * spacing.margin()).max(1));
     let cap = |sizes: &mut dyn Iterator<Item = DVec2>| {
         let (longest, area) = sizes.fold((0f64, 0.0), |(l, a), s| (l.max(s.max_element()), a + s.x * s.y));
         // Half a texel less than the side, since sizes are rounded; boxes may overlap, hence the 4.
         ((side + 0.49) / longest).min(2.0 * side / area.sqrt())
     };
     let content = subject.contents.iter().map(|content| match content {
-        Content::Charts(charts) | Content::Shared(charts) => cap(&mut charts.iter().map(|c| c.size)),
+        Content::Charts(charts) | Content::Shared(charts) => cap(&mut charts.iter().map(|c| c.size * c.factor)),
         Content::Authored { size } => cap(&mut std::iter::once(*size)),
         Content::Unused => f64::INFINITY,
     });
@@ -482,7 +349,9 @@ fn caps(subject: &Subject, side: u32, padding: u32) -> Vec<f64> {
 fn demand(subject: &Subject, surfaces: &[usize], densities: &Densities) -> f64 {
     let boxes = |mesh: usize| -> f64 {
         match &subject.contents[mesh] {
-            Content::Charts(charts) | Content::Shared(charts) => charts.iter().map(|c| c.size.x * c.size.y).sum(),
+            Content::Charts(charts) | Content::Shared(charts) => {
+                charts.iter().map(|c| c.size.x * c.size.y * c.factor.powi(2)).sum()
+            }
             Content::Authored { size } => size.x * size.y,
             Content::Unused => 0.0,
         }
@@ -492,45 +361,26 @@ fn demand(subject: &Subject, surfaces: &[usize], densities: &Densities) -> f64 {
 }
 
 /// Every mesh at its density.
-fn measure(subject: &Subject, densities: &Densities, padding: u32, progress: &dyn Progress) -> Result<Vec<Sized>> {
+fn measure(subject: &Subject, densities: &Densities, spacing: Spacing, progress: &dyn Progress) -> Result<Vec<Sized>> {
     let measure = |(mesh, content): (usize, &Content)| {
         progress.check()?;
         let density = densities.of(mesh);
-        let boxes = |charts: &[Chart]| charts.iter().map(|c| pack::texel_size(c.size, density)).collect();
-        let pieces = |charts: &[Chart]| charts.iter().map(|c| Piece::chart(c, density)).collect::<Vec<_>>();
+        let size = |c: &Chart| pack::texel_size(c.size, density * c.factor, spacing.least);
+        let boxes = |charts: &[Chart]| charts.iter().map(size).collect();
+        let pieces = |charts: &[Chart]| charts.iter().map(|c| Piece::chart(c, size(c))).collect::<Vec<_>>();
         Ok(match content {
             Content::Charts(charts) => Sized { pieces: pieces(charts), charts: boxes(charts), block: None },
             Content::Shared(charts) => {
                 let inner = pieces(charts);
-                let block = pack::block(&inner.iter().collect::<Vec<_>>(), padding, progress)?;
+                let block = pack::block(&inner.iter().collect::<Vec<_>>(), spacing, progress)?;
                 Sized { pieces: vec![Piece::rectangle(block.size)], charts: boxes(charts), block: Some(block) }
             }
             Content::Authored { size } => {
-                Sized { pieces: vec![Piece::rectangle(pack::texel_size(*size, density))], ..Sized::default() }
+                let size = pack::texel_size(*size, density, spacing.least);
+                Sized { pieces: vec![Piece::rectangle(size)], ..Sized::default() }
             }
             Content::Unused => Sized::default(),
         })
     };
     subject.contents.par_iter().enumerate().map(measure).collect()
-}
-
-/// Texels that `surfaces` take up, about.
-fn cost(subject: &Subject, sized: &[Sized], surfaces: &[usize], padding: u32) -> f64 {
-    surfaces.iter().flat_map(|&s| &sized[subject.meshes[s]].pieces).map(|p| p.cost(padding)).sum()
-}
-
-/// The slots of each surface, or `None` where they don't all fit the page.
-fn place_surfaces(
-    subject: &Subject,
-    sized: &[Sized],
-    surfaces: &[usize],
-    page: &mut Page,
-    order: Order,
-    progress: &dyn Progress,
-) -> Result<Option<Vec<Vec<Slot>>>> {
-    let pieces: Vec<&Piece> = surfaces.iter().flat_map(|&s| &sized[subject.meshes[s]].pieces).collect();
-    let Some(slots) = pack::place(page, &pieces, order, progress)? else { return Ok(None) };
-    let mut slots = slots.into_iter();
-    let counts = surfaces.iter().map(|&s| sized[subject.meshes[s]].pieces.len());
-    Ok(Some(counts.map(|n| slots.by_ref().take(n).collect()).collect()))
 }

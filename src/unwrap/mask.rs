@@ -91,13 +91,18 @@ pub fn touched(triangle: [DVec2; 3], size: [u32; 2], span: impl FnMut(u32, u32, 
 }
 
 /// The same in `rows` alone.
-pub fn touched_rows(triangle: [DVec2; 3], size: [u32; 2], rows: &Range<u32>, mut span: impl FnMut(u32, u32, u32)) {
+pub fn touched_rows(triangle: [DVec2; 3], size: [u32; 2], rows: &Range<u32>, span: impl FnMut(u32, u32, u32)) {
+    scan(triangle, size, rows, BORDER, span);
+}
+
+/// The same where a texel that a triangle overlaps by no more than `border` is left out.
+pub fn scan(triangle: [DVec2; 3], size: [u32; 2], rows: &Range<u32>, border: f64, mut span: impl FnMut(u32, u32, u32)) {
     let cell = |v: f64, limit: u32| (v.max(0.0) as u32).min(limit - 1);
     let low = triangle.iter().fold(f64::INFINITY, |m, p| m.min(p.y));
     let high = triangle.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.y));
     // Where the triangle is thinner than the borders, its middle decides.
     let inner = |low: f64, high: f64| {
-        let (a, b) = (low + BORDER, high - BORDER);
+        let (a, b) = (low + border, high - border);
         if a < b { (a, b) } else { (0.5 * (low + high), 0.5 * (low + high)) }
     };
     let (y0, y1) = inner(low, high);
@@ -123,12 +128,45 @@ pub fn touched_rows(triangle: [DVec2; 3], size: [u32; 2], rows: &Range<u32>, mut
     }
 }
 
+/// What lies between charts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Spacing {
+    /// Empty texels between charts.
+    pub padding: u32,
+    /// Side of the blocks [texels] of which none holds two charts: a power of two up to 64; 1: charts lie anywhere.
+    pub align: u32,
+    /// Least side of a chart's box [texels], at least 1.
+    pub least: u32,
+}
+
+impl Spacing {
+    /// Texels around a chart that lie in blocks of its own.
+    pub fn halo(self) -> u32 {
+        self.padding.div_ceil(2)
+    }
+
+    /// Empty texels along the edges of a page.
+    pub fn margin(self) -> u32 {
+        if self.align == 1 { self.padding } else { self.halo() }
+    }
+
+    /// What a chart's side of `texels` takes up with its share of the padding.
+    pub fn taken(self, texels: u32) -> u32 {
+        match self.align {
+            1 => texels + self.padding,
+            align => (texels + 2 * self.halo()).next_multiple_of(align),
+        }
+    }
+}
+
 /// A page that fills up.
 #[derive(Clone, Debug)]
 pub struct Page {
     /// Size [texels].
     pub size: [u32; 2],
-    padding: u32,
+    spacing: Spacing,
+    /// Places of pieces, modulo the alignment.
+    phase: u32,
     words: usize,
     /// Texels that are taken or nearer than the padding to one that is.
     rows: Vec<u64>,
@@ -137,12 +175,14 @@ pub struct Page {
 }
 
 impl Page {
-    /// An empty page; charts keep `padding` texels from each other and `margin` from its edges.
-    pub fn new(size: [u32; 2], padding: u32, margin: u32) -> Self {
+    /// An empty page; charts keep their spacing from each other and `margin` texels from its edges. The first block begins as
+    /// far beyond that as the halo is wide.
+    pub fn new(size: [u32; 2], spacing: Spacing, margin: u32) -> Self {
         let words = size[0].div_ceil(64) as usize;
         let mut page = Self {
             size,
-            padding,
+            spacing,
+            phase: margin % spacing.align,
             words,
             rows: vec![0; words * size[1] as usize],
             widest: vec![size[0].saturating_sub(2 * margin); size[1] as usize],
@@ -172,7 +212,10 @@ impl Page {
         let full = mask.is_full();
         let mut blocked = vec![0u64; self.words];
         let mut line = vec![0u64; self.words];
-        'rows: for y in start..end {
+        // Columns at which no piece may begin, the same in each word.
+        let align = self.spacing.align;
+        let between = (0..64).filter(|x| x % align != self.phase).fold(0u64, |bits, x| bits | 1 << x);
+        'rows: for y in (start..end).filter(|y| y % align == self.phase) {
             let fits = |r: &[u32; 3]| self.widest[(y + r[0]) as usize] >= r[2];
             if full {
                 // Rows far down first: where those are full, so is all above, mostly.
@@ -182,7 +225,7 @@ impl Page {
             } else if !mask.runs.iter().take(8).all(fits) {
                 continue;
             }
-            blocked.fill(0);
+            blocked.fill(between);
             // Beyond the last place that keeps the mask within the page.
             set(&mut blocked, (self.size[0] - w) as usize + 1, self.words * 64);
             if full {
@@ -232,19 +275,34 @@ impl Page {
         None
     }
 
-    /// Takes the texels of `mask` at a place, and those around them as near as the padding.
+    /// Takes the texels of `mask` at a place, and those around them that no other chart may touch.
     pub fn take(&mut self, mask: &Mask, [x, y]: [u32; 2]) {
-        let p = self.padding;
         for &[row, first, length] in &mask.runs {
-            let begin = (x + first).saturating_sub(p) as usize;
-            let end = ((x + first + length + p).min(self.size[0])) as usize;
-            for r in (y + row).saturating_sub(p)..=(y + row + p).min(self.size[1] - 1) {
-                set(&mut self.rows[r as usize * self.words..][..self.words], begin, end);
+            let columns = self.kept_free(x + first, x + first + length, self.size[0]);
+            for r in self.kept_free(y + row, y + row + 1, self.size[1]) {
+                set(&mut self.rows[r * self.words..][..self.words], columns.start, columns.end);
             }
         }
-        for r in y.saturating_sub(p)..(y + mask.size[1] + p).min(self.size[1]) {
-            self.widest[r as usize] = widest_gap(self.row(r), self.size[0]);
+        for r in self.kept_free(y, y + mask.size[1], self.size[1]) {
+            self.widest[r] = widest_gap(&self.rows[r * self.words..][..self.words], self.size[0]);
         }
+    }
+
+    /// What texels `begin..end` of a chart along an axis keep free of others, on a page of `size` texels: the padding; where
+    /// blocks are kept apart, the blocks that the chart's halo touches, and as much again as the halo of another is wide.
+    fn kept_free(&self, begin: u32, end: u32, size: u32) -> Range<usize> {
+        let Spacing { padding, align, .. } = self.spacing;
+        let (mut begin, mut end) = (i64::from(begin), i64::from(end));
+        if align == 1 {
+            (begin, end) = (begin - i64::from(padding), end + i64::from(padding));
+        } else {
+            let (halo, align) = (i64::from(self.spacing.halo()), i64::from(align));
+            // The first block begins a halo before the first place.
+            let origin = i64::from(self.phase) - halo;
+            begin = (begin - halo - origin).div_euclid(align) * align + origin - halo;
+            end = (end + halo - origin + align - 1).div_euclid(align) * align + origin + halo;
+        }
+        begin.max(0) as usize..end.min(i64::from(size)) as usize
     }
 
     fn row(&self, y: u32) -> &[u64] {

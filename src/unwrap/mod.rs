@@ -1,13 +1,16 @@
 //! Lightmap UVs for every surface, packed on pages.
 //!
-//! Authored UVs are kept where they are sound ([`authored`]). Other meshes are cut into charts ([`charting`]), the density is
-//! chosen and surfaces are dealt out to pages ([`layout`]), and charts are placed at whole texels ([`pack`]).
+//! Authored UVs are kept where they are sound ([`authored`]), or their charts are packed anew ([`repack`]). Other meshes are cut into
+//! charts ([`charting`], by [`xatlas`] or [`uvunwrap`]), the density is chosen ([`layout`]), surfaces are dealt out to pages
+//! ([`pages`]), and charts are placed at whole texels ([`pack`]).
 //!
 //! Surfaces whose texels no file shows ([`crate::scene::role`]) lie on pages of their own behind the others. A surface may have
-//! its own density, or a factor on it ([`density`]).
+//! its own density, or a factor on it ([`density`]); volumes change it by place ([`volume`]), and a caller by chart
+//! ([`Importance`]).
 //!
 //! What holds of the result: each triangle has UVs of positive area; no two charts touch a texel in common, and `padding`
-//! texels lie between any two (authored page-space UVs excepted, which are warned about); a surface lies on one page. A UV is
+//! texels lie between any two (authored page-space UVs excepted, which are warned about); a surface lies on one page. With
+//! [`UnwrapParams::align`], no block of texels holds texels of two charts, or of one and half the padding around another. A UV is
 //! rounded to single precision, so an edge that lies on a texel border may reach into the next texel by less than
 //! [`mask::BORDER`].
 
@@ -15,12 +18,20 @@ pub mod authored;
 mod chart;
 mod charting;
 mod density;
+mod findings;
 mod layout;
 pub mod mask;
 mod overlap;
 mod pack;
+mod pages;
+mod params;
+mod part;
+mod place;
+mod repack;
 mod shape;
 mod split;
+mod uvunwrap;
+mod volume;
 mod xatlas;
 
 use crate::error::{Error, Result, Warnings};
@@ -29,11 +40,13 @@ use crate::scene::Scene;
 use authored::Set;
 use chart::Chart;
 pub use density::Share;
-use glam::{DVec2, Vec2};
-use layout::{Content, Layout, Subject};
-use pack::Slot;
+pub use findings::{AuthoredUvs, Verdict};
+use glam::Vec2;
+use layout::{Content, Subject};
+pub use params::{Density, Importance, PageSizes, UnwrapParams, Unwrapper, UvMode};
 use rayon::prelude::*;
 use shape::Shape;
+pub use volume::DensityVolume;
 
 /// Where each surface's lightmap lies.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,43 +87,13 @@ pub struct Placement {
     pub offset: Vec2,
 }
 
-/// How the atlas is made.
+/// An atlas, and what was found on the way to it.
 #[derive(Clone, Debug)]
-pub struct UnwrapParams {
-    pub density: Density,
-    /// Page size [texels] where more than one page may be used; ignored by [`Density::FillPage`]. 16..=16384.
-    pub page_size: u32,
-    /// Most pages that may be used, at least 1; density falls, with a warning, where more would be needed.
-    pub max_pages: u32,
-    /// Empty texels between charts, at least 1; fewer, with a warning, where even charts of a texel each don't fit.
-    pub padding: u32,
-    pub uv: UvMode,
-    /// Name of the authored set to look for; by default `TEXCOORD_1`, then `st1`.
-    pub uv_name: Option<String>,
-}
-
-/// What sets the size of a texel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Density {
-    /// Texels per metre.
-    TexelsPerMetre(f32),
-    /// The whole scene has about this many texels of surface; pages of up to `page_size`, square, power of two.
-    TexelCount(u64),
-    /// Everything on one page of this many texels squared, filled as well as can be.
-    FillPage(u32),
-}
-
-/// Which UVs are used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum UvMode {
-    /// Authored lightmap UVs where they are sound, else new ones.
-    #[default]
-    Auto,
-    /// Authored lightmap UVs; an error where they are missing or unsound.
-    Keep,
-    /// New ones for every mesh.
-    New,
+pub struct Unwrapping {
+    pub atlas: Atlas,
+    /// What authored UVs that are not used as they stand were like.
+    pub authored: Vec<AuthoredUvs>,
+    pub warnings: Warnings,
 }
 
 /// Makes lightmap UVs for all surfaces of `scene`.
@@ -119,6 +102,14 @@ pub enum UvMode {
 /// `Invalid` where the scene doesn't fit the pages at any density, or authored UVs that must be kept are unsound;
 /// `Cancelled`.
 pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> Result<(Atlas, Warnings)> {
+    unwrap_judged(scene, params, progress).map(|made| (made.atlas, made.warnings))
+}
+
+/// The same, with what authored UVs were like.
+///
+/// # Errors
+/// Those of [`unwrap`].
+pub fn unwrap_judged(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> Result<Unwrapping> {
     let mut warnings = Warnings::default();
     let mut users: Vec<Vec<usize>> = vec![Vec::new(); scene.meshes.len()];
     for (s, surface) in scene.surfaces.iter().enumerate() {
@@ -128,7 +119,7 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
     let triangles = (0..users.len()).filter(used).map(|m| scene.meshes[m].triangles.len() as u64).sum();
     progress.begin("unwrap", triangles);
 
-    let mut sets = authored::sets(scene, &users, params, &mut warnings, progress)?;
+    let (mut sets, mut authored) = authored::sets(scene, &users, params, &mut warnings, progress)?;
     let shown: Vec<bool> = scene.surfaces.iter().map(|s| s.role.is_shown()).collect();
     if !shown.contains(&true) {
         return Err(Error::invalid(
@@ -137,31 +128,66 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
         ));
     }
     let shares = density::shares(scene, &users, &mut warnings);
-    let is_even = shares.iter().all(|s| *s == Share::default());
-    if !shown.contains(&false) && is_even {
+    let is_even = shares.iter().all(|s| *s == Share::default()) && params.volumes.is_empty();
+    if !shown.contains(&false) && is_even && params.importance.is_none() {
         if let Some(atlas) = authored::page_space(scene, &mut sets, params, &mut warnings) {
-            return Ok((atlas, warnings));
+            return Ok(Unwrapping { atlas, authored, warnings });
         }
-    } else if params.uv != UvMode::New && sets.iter().any(Option::is_some) {
+    } else if sets.iter().any(Option::is_some) {
         let message = "with objects of other roles or densities each surface gets a rectangle for its authored UVs";
         warnings.add("unwrap", message);
     }
     let fresh: Vec<usize> = (0..users.len()).filter(used).filter(|&m| sets[m].is_none()).collect();
-    let shapes: Vec<Shape> = fresh.par_iter().map(|&m| Shape::new(scene, m, &users[m])).collect();
     let mut contents: Vec<Content> = sets.iter().map(|s| s.as_ref().map_or(Content::Unused, Set::content)).collect();
-    for (&m, charts) in fresh.iter().zip(charting::charts(&shapes, progress)?) {
+    for (m, charts) in charts(scene, &users, &fresh, params, &mut authored, progress)? {
         contents[m] = if users[m].len() == 1 { Content::Charts(charts) } else { Content::Shared(charts) };
     }
+    let areas = areas(scene);
+    let factored = density::factor(scene, &users, &areas, params, shares, &mut contents);
     let subject = Subject {
         contents: &contents,
         meshes: &scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>(),
         names: &scene.surfaces.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
-        areas: &areas(scene),
+        areas: &factored.areas,
         shown: &shown,
-        shares: &shares,
+        shares: &factored.shares,
     };
     let layout = layout::layout(&subject, params, &mut warnings, progress)?;
-    Ok((place(scene, contents, sets, layout), warnings))
+    Ok(Unwrapping { atlas: place::place(scene, contents, sets, layout), authored, warnings })
+}
+
+/// The charts of the meshes `fresh`: authored ones where those are to be packed anew, else new ones. Says in `authored` which
+/// were.
+fn charts(
+    scene: &Scene,
+    users: &[Vec<usize>],
+    fresh: &[usize],
+    params: &UnwrapParams,
+    authored: &mut Vec<AuthoredUvs>,
+    progress: &dyn Progress,
+) -> Result<Vec<(usize, Vec<Chart>)>> {
+    let shapes: Vec<Shape> = fresh.par_iter().map(|&m| Shape::new(scene, m, &users[m])).collect();
+    if params.uv != UvMode::Repack {
+        let charts = charting::charts(&shapes, params.unwrapper, progress)?;
+        return Ok(fresh.iter().copied().zip(charts).collect());
+    }
+    let repacked = repack::charts(scene, users, fresh, &shapes, params, progress)?;
+    let (mut result, mut left, mut left_shapes) = (Vec::new(), Vec::new(), Vec::new());
+    for ((&m, shape), repacked) in fresh.iter().zip(shapes).zip(repacked) {
+        match repacked {
+            Some((charts, finding)) => {
+                authored.push(finding);
+                result.push((m, charts));
+            }
+            None => {
+                left.push(m);
+                left_shapes.push(shape);
+            }
+        }
+    }
+    let charts = charting::charts(&left_shapes, params.unwrapper, progress)?;
+    result.extend(left.into_iter().zip(charts));
+    Ok(result)
 }
 
 /// Area of each surface [m²].
@@ -177,98 +203,6 @@ fn surface_area(scene: &Scene, surface: usize) -> f64 {
         0.5 * (b - a).cross(c - a).length()
     };
     triangles.map(area).sum()
-}
-
-/// The layout as UVs and placements.
-fn place(scene: &Scene, contents: Vec<Content>, sets: Vec<Option<Set>>, layout: Layout) -> Atlas {
-    let mut meshes = vec![MeshUvs::default(); scene.meshes.len()];
-    let mut placements = Vec::with_capacity(scene.surfaces.len());
-    let vector = |size: [u32; 2]| DVec2::new(f64::from(size[0]), f64::from(size[1]));
-    for (surface, (page, slots)) in scene.surfaces.iter().zip(&layout.surfaces) {
-        let m = surface.mesh;
-        let sized = &layout.sized[m];
-        let page_size = vector(layout.pages[*page as usize]);
-        let mut placement = Placement { page: *page, scale: Vec2::ONE, offset: Vec2::ZERO };
-        // The rectangle of a shared mesh or of authored UVs.
-        let mut rectangle = |low: DVec2, size: DVec2| {
-            let scale = vector(sized.pieces[0].mask.size) / size;
-            placement.scale = (scale / page_size).as_vec2();
-            placement.offset = ((vector(slots[0].at) - low * scale) / page_size).as_vec2();
-        };
-        match &contents[m] {
-            Content::Charts(charts) => meshes[m] = mesh_uvs(scene, m, charts, &sized.charts, slots, page_size),
-            Content::Shared(charts) => {
-                rectangle(DVec2::ZERO, DVec2::ONE);
-                if let (true, Some(block)) = (meshes[m].corners.is_empty(), &sized.block) {
-                    meshes[m] = mesh_uvs(scene, m, charts, &sized.charts, &block.slots, vector(block.size));
-                }
-            }
-            Content::Authored { .. } => {
-                if let Some(set) = &sets[m] {
-                    rectangle(set.low, set.high - set.low);
-                }
-            }
-            Content::Unused => {}
-        }
-        placements.push(placement);
-    }
-    for (mesh, set) in meshes.iter_mut().zip(sets) {
-        if let Some(set) = set {
-            *mesh = set.uvs;
-        }
-    }
-    let Layout { pages, density, padding, shown_pages, .. } = layout;
-    Atlas { pages, meshes, placements, density: density as f32, padding, shown_pages }
-}
-
-/// UVs of a mesh whose charts have boxes of `boxes` texels at `slots` of a rectangle of `size` texels.
-fn mesh_uvs(scene: &Scene, mesh: usize, charts: &[Chart], boxes: &[[u32; 2]], slots: &[Slot], size: DVec2) -> MeshUvs {
-    let count = scene.meshes[mesh].triangles.len();
-    let mut uvs = MeshUvs {
-        corners: vec![[Vec2::ZERO; 3]; count],
-        chart: vec![0; count],
-        chart_count: charts.len() as u32,
-        authored: None,
-    };
-    for (number, ((chart, &texels), &slot)) in charts.iter().zip(boxes).zip(slots).enumerate() {
-        for (&t, corners) in chart.triangles.iter().zip(pack::texels(chart, texels, slot)) {
-            uvs.corners[t as usize] = rounded(corners, size);
-            uvs.chart[t as usize] = number as u32;
-        }
-    }
-    uvs
-}
-
-/// UVs in single precision of a triangle in texels, which still has area: a sliver that rounding would flatten is widened,
-/// by less than [`mask::BORDER`].
-fn rounded(corners: [DVec2; 3], size: DVec2) -> [Vec2; 3] {
-    let round = |corners: [DVec2; 3]| corners.map(|p| (p / size).as_vec2());
-    let has_area = |uv: [Vec2; 3]| chart::signed_area(uv.map(|p| p.as_dvec2())) > 0.0;
-    let uv = round(corners);
-    if has_area(uv) {
-        return uv;
-    }
-    // The corner between the two others, and the way from them that gives area.
-    let length = |k: usize| corners[(k + 1) % 3].distance_squared(corners[(k + 2) % 3]);
-    let middle = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
-    let along = corners[(middle + 2) % 3] - corners[(middle + 1) % 3];
-    let aside = along.try_normalize().unwrap_or(DVec2::X).perp();
-    for step in 1..8 {
-        let by = aside * mask::BORDER * f64::from(step) / 8.0;
-        let mut moved = corners;
-        moved[middle] += by;
-        let within = moved[middle].cmpge(DVec2::ZERO).all() && moved[middle].cmple(size).all();
-        if !within {
-            // Off the page: the others move the other way, so that the sliver stays between them.
-            moved = corners.map(|p| p - by);
-            moved[middle] = corners[middle];
-        }
-        let uv = round(moved);
-        if has_area(uv) {
-            return uv.map(|p| p.clamp(Vec2::ZERO, Vec2::ONE));
-        }
-    }
-    uv
 }
 
 impl Atlas {

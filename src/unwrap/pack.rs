@@ -5,7 +5,7 @@
 //! an axis lies on a texel border and leaves no texel half covered; that stretches it by up to half a texel.
 
 use super::chart::Chart;
-use super::mask::{Mask, Page};
+use super::mask::{Mask, Page, Spacing};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec2;
@@ -40,9 +40,8 @@ pub enum Order {
 }
 
 impl Piece {
-    /// A chart at `density` [texels/m].
-    pub fn chart(chart: &Chart, density: f64) -> Self {
-        let size = texel_size(chart.size, density);
+    /// A chart in a box of `size` texels.
+    pub fn chart(chart: &Chart, size: [u32; 2]) -> Self {
         let mut mask = Mask::full(size);
         if mask.texels > SMALL {
             let scale = scale(chart, size);
@@ -58,16 +57,17 @@ impl Piece {
     }
 
     /// Texels that it takes up with its share of the padding, about.
-    pub fn cost(&self, padding: u32) -> f64 {
-        let p = f64::from(padding);
-        self.mask.texels as f64 + p * f64::from(self.mask.size[0] + self.mask.size[1]) + p * p
+    pub fn cost(&self, spacing: Spacing) -> f64 {
+        let [w, h] = self.mask.size;
+        let around = f64::from(spacing.taken(w)) * f64::from(spacing.taken(h)) - f64::from(w) * f64::from(h);
+        self.mask.texels as f64 + around
     }
 }
 
-/// The box of a chart or rectangle of `size` [m] at `density` [texels/m]: whole texels, at least one each way.
-pub fn texel_size(size: DVec2, density: f64) -> [u32; 2] {
+/// The box of a chart or rectangle of `size` [m] at `density` [texels/m]: whole texels, at least `least` each way.
+pub fn texel_size(size: DVec2, density: f64, least: u32) -> [u32; 2] {
     // 2^20 texels are beyond any page, and keep sums of sizes in range.
-    (size * density).to_array().map(|s| s.round().clamp(1.0, 1048576.0) as u32)
+    (size * density).to_array().map(|s| s.round().clamp(f64::from(least), 1048576.0) as u32)
 }
 
 fn scale(chart: &Chart, size: [u32; 2]) -> DVec2 {
@@ -146,8 +146,8 @@ pub struct Block {
 ///
 /// # Errors
 /// `Cancelled`.
-pub fn block(pieces: &[&Piece], padding: u32, progress: &dyn Progress) -> Result<Block> {
-    let cost: f64 = pieces.iter().map(|p| p.cost(padding)).sum();
+pub fn block(pieces: &[&Piece], spacing: Spacing, progress: &dyn Progress) -> Result<Block> {
+    let cost: f64 = pieces.iter().map(|p| p.cost(spacing)).sum();
     let sides = |k: usize| pieces.iter().map(move |p| p.mask.size[k]);
     let longest = sides(0).chain(sides(1)).max().unwrap_or(1);
     let shortest = pieces.iter().map(|p| p.mask.size[0].min(p.mask.size[1])).max().unwrap_or(1);
@@ -155,23 +155,28 @@ pub fn block(pieces: &[&Piece], padding: u32, progress: &dyn Progress) -> Result
     for aspect in [0.7, 0.85, 1.0, 1.15, 1.4] {
         let width = ((cost * aspect).sqrt().ceil() as u32).max(shortest);
         // High enough for all on top of each other, in steps so that a usual bitmap stays small.
-        let mut height = ((cost / f64::from(width) * 1.5) as u32).max(longest) + padding;
+        let mut height = ((cost / f64::from(width) * 1.5) as u32).max(longest) + spacing.padding;
         let slots = loop {
-            let mut page = Page::new([width, height], padding, 0);
+            let mut page = Page::new([width, height], spacing, 0);
             if let Some(slots) = place(&mut page, pieces, Order::Side, progress)? {
                 break slots;
             }
             height *= 2;
         };
-        let size = slots.iter().zip(pieces).fold([1, 1], |[w, h], (slot, piece)| {
-            let [a, b] = piece.mask.size;
-            let [a, b] = if slot.turned { [b, a] } else { [a, b] };
-            [w.max(slot.at[0] + a), h.max(slot.at[1] + b)]
-        });
-        let padded = |s: [u32; 2]| u64::from(s[0] + padding) * u64::from(s[1] + padding);
+        let size = reach(pieces, &slots);
+        let padded = |s: [u32; 2]| u64::from(spacing.taken(s[0])) * u64::from(spacing.taken(s[1]));
         if best.as_ref().is_none_or(|b| padded(size) < padded(b.size)) {
             best = Some(Block { size, slots });
         }
     }
     Ok(best.expect("at least one width was tried"))
+}
+
+/// The first column and row that no piece reaches.
+pub fn reach(pieces: &[&Piece], slots: &[Slot]) -> [u32; 2] {
+    slots.iter().zip(pieces).fold([1, 1], |[w, h], (slot, piece)| {
+        let [a, b] = piece.mask.size;
+        let [a, b] = if slot.turned { [b, a] } else { [a, b] };
+        [w.max(slot.at[0] + a), h.max(slot.at[1] + b)]
+    })
 }

@@ -3,8 +3,7 @@
 //!
 //! Weights keep charts' own light: a texel that is half of a chart and half of a gutter is that of the chart. Where no
 //! surface lies, gutters that dilation filled count among themselves, so that charts don't fade to black at their
-//! borders. Charts closer than two texels of a level share texels there: an engine that shows coarse levels from afar
-//! wants a padding to match (4 texels for one level, 8 for two).
+//! borders. Charts closer than two texels of a level share texels there: the same setting keeps them that far apart.
 
 use crate::color::Rgb;
 use crate::post::PageImage;
@@ -12,12 +11,12 @@ use crate::post::PageImage;
 /// Weight of a filled gutter's texel beside covered ones.
 const GUTTER_WEIGHT: f32 = 1e-4;
 
-/// The levels below the page's own, down to 1 x 1.
-pub fn smaller(page: &PageImage) -> Vec<PageImage> {
+/// The levels below the page's own, `most` at most, down to 1 x 1.
+pub fn smaller(page: &PageImage, most: usize) -> Vec<PageImage> {
     let mut levels: Vec<PageImage> = Vec::new();
     loop {
         let last = levels.last().unwrap_or(page);
-        if last.width <= 1 && last.height <= 1 {
+        if levels.len() == most || (last.width <= 1 && last.height <= 1) {
             return levels;
         }
         levels.push(half(last));
@@ -67,7 +66,8 @@ mod tests {
             rgb: (0..width * height).map(|i| if is_chart(i) { Rgb::splat(3.0) } else { Rgb::ZERO }).collect(),
             coverage: (0..width * height).map(|i| if is_chart(i) { 1.0 } else { 0.0 }).collect(),
         };
-        let levels = smaller(&page);
+        let levels = smaller(&page, usize::MAX);
+        assert_eq!(smaller(&page, 1).len(), 1);
         let sizes: Vec<_> = levels.iter().map(|l| (l.width, l.height)).collect();
         assert_eq!(sizes, [(4, 2), (2, 1), (1, 1)]);
         for level in &levels {

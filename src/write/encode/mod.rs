@@ -132,8 +132,8 @@ pub struct Header {
     pub quantity: Quantity,
     /// Decoded texels times this are the values; from [`Encoding::scale`].
     pub scale: f32,
-    /// KTX2 gets all levels down to 1 x 1.
-    pub mips: bool,
+    /// Mip levels that KTX2 gets, the full size among them, at least 1; as many as there are down to 1 x 1.
+    pub levels: u32,
 }
 
 /// Writes a page in a form other than OpenEXR. Returns how many texels had a value that the form can't hold: too
@@ -175,7 +175,7 @@ pub fn write_page(path: &Path, page: &PageImage, encoding: Encoding, header: &He
 
 /// A KTX2 file of the page, each level by `texels`.
 fn ktx2_of(page: &PageImage, header: &Header, format: Format, texels: impl Fn(&PageImage) -> Vec<u8>) -> Vec<u8> {
-    let smaller = if header.mips { mips::smaller(page) } else { Vec::new() };
+    let smaller = mips::smaller(page, header.levels.saturating_sub(1) as usize);
     let levels: Vec<Level> = [page].into_iter().chain(&smaller).map(|level| Level { bytes: texels(level) }).collect();
     let own = [("lumel.quantity", header.quantity.name()), ("lumel.unit", header.quantity.unit())];
     ktx2::file(format, [page.width, page.height], &levels, &own)

@@ -1,7 +1,7 @@
 //! xatlas by way of the C++ library that the `xatlas-rs` crate builds.
 //!
-//! The crate's own bindings are mangled for MSVC and don't link elsewhere, so the few functions that are needed are declared
-//! here against its `vendor/xatlas.h`. xatlas charts a mesh by growing regions of like normals, and flattens each chart by
+//! The crate's own bindings are mangled for MSVC and don't link elsewhere, so the few functions that are needed are declared in
+//! [`ffi`] against its `vendor/xatlas.h`. xatlas charts a mesh by growing regions of like normals, and flattens each chart by
 //! least squares conformal maps (Lévy et al. 2002). Its packer is made to do next to nothing, since [`super::pack`] packs:
 //! every chart is squeezed into one texel, so a chart's UVs come back scaled to its bounding box and lose their aspect ratio,
 //! which [`super::chart`] finds again.
@@ -11,31 +11,15 @@
 
 #![allow(unsafe_code)]
 
-use std::ffi::{c_int, c_void};
+mod ffi;
+
+use super::part::{Part, Unwrapped};
+use ffi::{
+    ADD_MESH_SUCCESS, ChartOptions, INDEX_U32, MeshDecl, OutputAtlas, OutputMesh, PackOptions, add_mesh,
+    compute_charts, create, destroy, pack_charts, parameterize_charts, set_print,
+};
 use std::ptr;
 use std::sync::Once;
-
-// Links the C++ library; nothing of the crate's Rust side is used.
-extern crate xatlas_rs as _;
-
-/// A connected mesh for [`unwrap_parts`].
-#[derive(Clone, Debug, Default)]
-pub struct Part {
-    /// Vertex positions; those of one place share one vertex. Edges are about 1 long.
-    pub positions: Vec<[f32; 3]>,
-    /// Vertex indices, all in range.
-    pub triangles: Vec<[u32; 3]>,
-}
-
-/// What xatlas makes of a [`Part`].
-#[derive(Clone, Debug, Default)]
-pub struct Unwrapped {
-    /// The chart of each triangle, or `u32::MAX` where xatlas left it out.
-    pub chart: Vec<u32>,
-    pub chart_count: u32,
-    /// UVs of each triangle's corners; each chart is scaled to a unit square somewhere, and may be mirrored.
-    pub uv: Vec<[[f32; 2]; 3]>,
-}
 
 /// Texels per unit: so many that most charts are larger than a texel and are scaled down to just one, so few that the page that
 /// xatlas makes for them all stays small.
@@ -44,18 +28,13 @@ const DENSE: f32 = 64.0;
 /// Side of xatlas' own pages [texels]: given, or it would work out a page for that density.
 const PAGE: u32 = 256;
 
-/// Charts and flattens `parts`. Equal input gives equal bits: xatlas seeds its own random numbers for each part.
+/// Charts and flattens `parts`; each chart comes scaled to a unit square somewhere, and may be mirrored. Equal input gives equal bits: xatlas seeds its own random numbers for each part.
 pub fn unwrap_parts(parts: &[Part]) -> Vec<Unwrapped> {
     static QUIET: Once = Once::new();
     // SAFETY: xatlas takes a null print function for "print nothing"; `Once` keeps the write of its global single.
     QUIET.call_once(|| unsafe { set_print(None, false) });
 
-    let empty = |part: &Part| Unwrapped {
-        chart: vec![u32::MAX; part.triangles.len()],
-        chart_count: 0,
-        uv: vec![[[0.0; 2]; 3]; part.triangles.len()],
-    };
-    let mut result: Vec<_> = parts.iter().map(empty).collect();
+    let mut result: Vec<_> = parts.iter().map(|part| Unwrapped::none(part.triangles.len())).collect();
     // SAFETY: no arguments; the atlas is handed to `Doomed`, which destroys it once.
     let atlas = Doomed(unsafe { create() });
     let mut added = Vec::with_capacity(parts.len());
@@ -141,7 +120,7 @@ unsafe fn copy_out(mesh: &OutputMesh, part: &Part, out: &mut Unwrapped) {
         });
         if sound {
             out.chart[t] = chart_of_vertex[corners[0] as usize];
-            out.uv[t] = [0, 1, 2].map(|k| vertices[corners[k] as usize].uv);
+            out.uv[t] = [0, 1, 2].map(|k| vertices[corners[k] as usize].uv.map(f64::from));
         }
     }
 }
@@ -171,127 +150,4 @@ impl Drop for Doomed {
             unsafe { destroy(address as *mut OutputAtlas) };
         });
     }
-}
-
-// The structs of vendor/xatlas.h of xatlas-rs 0.1.3.
-
-#[repr(C)]
-struct OutputChart {
-    atlas_index: u32,
-    indices: *mut u32,
-    index_count: u32,
-}
-
-#[repr(C)]
-struct OutputVertex {
-    atlas_index: i32,
-    uv: [f32; 2],
-    xref: u32,
-}
-
-#[repr(C)]
-struct OutputMesh {
-    charts: *mut OutputChart,
-    chart_count: u32,
-    indices: *mut u32,
-    index_count: u32,
-    vertices: *mut OutputVertex,
-    vertex_count: u32,
-}
-
-#[repr(C)]
-struct OutputAtlas {
-    width: u32,
-    height: u32,
-    atlas_count: u32,
-    chart_count: u32,
-    mesh_count: u32,
-    meshes: *mut OutputMesh,
-    utilization: *mut f32,
-    texels_per_unit: f32,
-}
-
-#[repr(C)]
-struct MeshDecl {
-    vertex_count: u32,
-    position_data: *const c_void,
-    position_stride: u32,
-    normal_data: *const c_void,
-    normal_stride: u32,
-    uv_data: *const c_void,
-    uv_stride: u32,
-    index_count: u32,
-    index_data: *const c_void,
-    index_offset: i32,
-    index_format: c_int,
-    face_ignore: *const bool,
-}
-
-const INDEX_U32: c_int = 1;
-const ADD_MESH_SUCCESS: c_int = 0;
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-struct ChartOptions {
-    max_chart_area: f32,
-    max_boundary_length: f32,
-    proxy_fit_metric_weight: f32,
-    roundness_metric_weight: f32,
-    straightness_metric_weight: f32,
-    normal_seam_metric_weight: f32,
-    texture_seam_metric_weight: f32,
-    max_threshold: f32,
-    grow_face_count: u32,
-    max_iterations: u32,
-}
-
-impl Default for ChartOptions {
-    /// The header's own defaults.
-    fn default() -> Self {
-        Self {
-            max_chart_area: 0.0,
-            max_boundary_length: 0.0,
-            proxy_fit_metric_weight: 2.0,
-            roundness_metric_weight: 0.01,
-            straightness_metric_weight: 6.0,
-            normal_seam_metric_weight: 4.0,
-            texture_seam_metric_weight: 0.5,
-            max_threshold: 2.0,
-            grow_face_count: 32,
-            max_iterations: 1,
-        }
-    }
-}
-
-#[repr(C)]
-#[derive(Clone, Copy)]
-struct PackOptions {
-    attempts: c_int,
-    texels_per_unit: f32,
-    resolution: u32,
-    max_chart_size: u32,
-    block_align: bool,
-    conservative: bool,
-    padding: u32,
-}
-
-type ProgressFn = Option<unsafe extern "C" fn(c_int, c_int, *mut c_void)>;
-type ParameterizeFn = Option<unsafe extern "C" fn(*const f32, *mut f32, u32, *const u32, u32, bool)>;
-type PrintFn = Option<unsafe extern "C" fn(*const std::ffi::c_char, ...) -> c_int>;
-
-unsafe extern "C" {
-    #[link_name = "_ZN6xatlas6CreateEv"]
-    fn create() -> *mut OutputAtlas;
-    #[link_name = "_ZN6xatlas7DestroyEPNS_5AtlasE"]
-    fn destroy(atlas: *mut OutputAtlas);
-    #[link_name = "_ZN6xatlas7AddMeshEPNS_5AtlasERKNS_8MeshDeclE"]
-    fn add_mesh(atlas: *mut OutputAtlas, declaration: *const MeshDecl) -> c_int;
-    #[link_name = "_ZN6xatlas13ComputeChartsEPNS_5AtlasENS_12ChartOptionsEPFvNS_16ProgressCategory4EnumEiPvES5_"]
-    fn compute_charts(atlas: *mut OutputAtlas, options: ChartOptions, progress: ProgressFn, user: *mut c_void);
-    #[link_name = "_ZN6xatlas18ParameterizeChartsEPNS_5AtlasEPFvPKfPfjPKjjbEPFvNS_16ProgressCategory4EnumEiPvESB_"]
-    fn parameterize_charts(atlas: *mut OutputAtlas, function: ParameterizeFn, progress: ProgressFn, user: *mut c_void);
-    #[link_name = "_ZN6xatlas10PackChartsEPNS_5AtlasENS_11PackOptionsEPFvNS_16ProgressCategory4EnumEiPvES5_"]
-    fn pack_charts(atlas: *mut OutputAtlas, options: PackOptions, progress: ProgressFn, user: *mut c_void);
-    #[link_name = "_ZN6xatlas8SetPrintEPFiPKczEb"]
-    fn set_print(print: PrintFn, verbose: bool);
 }
