@@ -118,7 +118,7 @@ impl Settings {
             return Err(Error::invalid("align", format!("{align} is no power of two from 1 to 64")));
         }
         let side = self.resolution.or(self.page_size).unwrap_or(align);
-        if side % align != 0 {
+        if !side.is_multiple_of(align) {
             let message = format!("blocks of {align} texels don't fill a page of {side}; choose a multiple of {align}");
             return Err(Error::invalid("align", message));
         }

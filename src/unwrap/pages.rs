@@ -90,6 +90,12 @@ pub fn assign(
     Ok(Ok((pages, surfaces)))
 }
 
+/// A surface and its slots.
+type Placed = (usize, Vec<Slot>);
+
+/// The size of a page, and what lies on it.
+type Filled<T> = ([u32; 2], Vec<T>);
+
 /// All of `left`, which take up about `total` texels, on one page, as small a one as holds them; `None` where none does.
 fn last_page(
     subject: &Subject,
@@ -98,7 +104,7 @@ fn last_page(
     total: f64,
     paging: &Paging,
     progress: &dyn Progress,
-) -> Result<Option<([u32; 2], Vec<Vec<Slot>>)>> {
+) -> Result<Option<Filled<Vec<Slot>>>> {
     let spacing = paging.spacing;
     let attempt = |size: [u32; 2]| -> Result<_> {
         let mut page = Page::new(size, spacing, spacing.margin());
@@ -140,7 +146,7 @@ fn full_page(
     costs: &[f64],
     paging: &Paging,
     progress: &dyn Progress,
-) -> Result<Option<([u32; 2], Vec<(usize, Vec<Slot>)>)>> {
+) -> Result<Option<Filled<Placed>>> {
     let full = [paging.page_size; 2];
     let page_area = f64::from(paging.page_size).powi(2);
     let empty = || Page::new(full, paging.spacing, paging.spacing.margin());

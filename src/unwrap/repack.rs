@@ -13,6 +13,9 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use rayon::prelude::*;
 
+/// The charts of a mesh, and what its UVs were like.
+pub type Repacked = (Vec<Chart>, AuthoredUvs);
+
 /// The authored charts of each of the meshes `which`, whose shapes are `shapes`, and what its UVs were like; none for a mesh
 /// without finite ones.
 ///
@@ -25,7 +28,7 @@ pub fn charts(
     shapes: &[Shape],
     params: &UnwrapParams,
     progress: &dyn Progress,
-) -> Result<Vec<Option<(Vec<Chart>, AuthoredUvs)>>> {
+) -> Result<Vec<Option<Repacked>>> {
     let names = params.set_names();
     let repack = |(&m, shape): (&usize, &Shape)| {
         progress.check()?;

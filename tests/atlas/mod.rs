@@ -250,11 +250,11 @@ fn seams(scene: &Scene, atlas: &Atlas) -> f64 {
     for (s, surface) in scene.surfaces.iter().enumerate() {
         let (mesh, uvs) = (&scene.meshes[surface.mesh], &atlas.meshes[surface.mesh]);
         let key = |v: u32| (mesh.positions[v as usize] + 0.0).to_array().map(f32::to_bits);
-        let mut sides: HashMap<([u32; 3], [u32; 3]), Vec<(usize, usize)>> = HashMap::new();
+        let mut sides: HashMap<[[u32; 3]; 2], Vec<(usize, usize)>> = HashMap::new();
         for (t, corners) in mesh.triangles.iter().enumerate() {
             for k in 0..3 {
                 let (a, b) = (key(corners[k]), key(corners[(k + 1) % 3]));
-                sides.entry((a.min(b), a.max(b))).or_default().push((t, k));
+                sides.entry([a.min(b), a.max(b)]).or_default().push((t, k));
             }
         }
         for side in sides.values().filter(|s| s.len() > 1) {
