@@ -81,12 +81,16 @@ fn side(ground: &Ground, i: usize) -> f32 {
     (ground.patches.area[i] / ground.patches.coverage[i].max(f32::MIN_POSITIVE)).sqrt()
 }
 
-/// True where a ray from patch `i` ends right above it, at something that faces it: there may be a crevice.
+/// True where a ray from patch `i` ends right above it, at something that faces it, and one straight up does: there is a crevice.
 pub(super) fn ends_in_crevice(ground: &Ground, i: usize, ray: &Ray, hit: &Hit) -> bool {
-    let depth = crevice(ground, i);
-    // No ray is shorter than its height, and few are not much longer.
     let normal = ground.patches.normal[i];
-    hit.t * normal.dot(ray.direction) < depth && covers(ground, normal, hit)
+    // No ray is shorter than its height: most that end so low graze something further away.
+    let height = hit.t * normal.dot(ray.direction);
+    if height >= WIDEST_CREVICE || height >= crevice(ground, i) || !covers(ground, normal, hit) {
+        return false;
+    }
+    let up = nearest(ground, &Ray { origin: ray.origin, direction: normal }, &mut 0);
+    up.is_some_and(|up| up.t < crevice(ground, i) && covers(ground, normal, &up))
 }
 
 /// How near something lies that covers patch `i` [m]. Nothing covers what shines.
