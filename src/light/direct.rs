@@ -221,7 +221,7 @@ impl Close<'_> {
             examined.replace(&mut arriving[i], &mut noise.variance[i]);
         }
         let settled = if sharp.is_empty() { first } else { Penumbra::new(ground, exposure, arriving, &noise.variance) };
-        settled.settle(&sharp, arriving);
+        settled.settle(arriving);
         Ok(())
     }
 

@@ -74,13 +74,10 @@ impl Penumbra {
         Self { patches, fits, kept }
     }
 
-    /// Takes the noise out of all but the patches `sharp`, in order, which have next to none.
-    pub fn settle(&self, sharp: &[(usize, u32)], arriving: &mut [Arriving]) {
+    /// Takes the noise out.
+    pub fn settle(&self, arriving: &mut [Arriving]) {
         for ((&i, fit), kept) in self.patches.iter().zip(&self.fits).zip(&self.kept) {
             let Some(fit) = fit else { continue };
-            if sharp.binary_search_by_key(&(i as usize), |s| s.0).is_ok() {
-                continue;
-            }
             let own = &mut arriving[i as usize];
             own.transport = fit.value.transport.lerp(own.transport, *kept);
             own.shown = fit.value.shown.lerp(own.shown, *kept);

@@ -42,9 +42,9 @@ const PARTING: f32 = 2.0;
 /// Height of sight lines between the cells of a patch, in sides of the texel: above crevices.
 const LIFT: f32 = 1.0 / 6.0;
 
-/// Cells at the corners, and those that others are looked at from: two of the middle beside them, one of which lies across any line that
-/// parts a patch.
-const CORNERS: [u32; 4] = [0, 3, 12, 15];
+/// Cells at opposite corners, and those that others are looked at from: corners and two of the middle, one of which lies across any line
+/// that parts a patch.
+const DIAGONALS: [[u32; 2]; 2] = [[0, 15], [3, 12]];
 const LOOKOUTS: [u32; 6] = [0, 3, 12, 15, 5, 10];
 
 /// Cells of a patch that face further apart than this cosine say nothing about what lies between them.
@@ -81,16 +81,25 @@ fn side(ground: &Ground, i: usize) -> f32 {
     (ground.patches.area[i] / ground.patches.coverage[i].max(f32::MIN_POSITIVE)).sqrt()
 }
 
-/// True where a ray from patch `i` ends right above it, at something that faces it: there may be a crevice.
+/// True where a ray from patch `i` ends right above it, at something that faces it, and one straight up does: there is a crevice.
 pub(super) fn ends_in_crevice(ground: &Ground, i: usize, ray: &Ray, hit: &Hit) -> bool {
-    let depth = crevice(side(ground, i));
-    // No ray is shorter than its height, and few are not much longer.
     let normal = ground.patches.normal[i];
-    hit.t * normal.dot(ray.direction) < depth && covers(ground, normal, hit)
+    // No ray is shorter than its height: most that end so low graze something further away.
+    let height = hit.t * normal.dot(ray.direction);
+    if height >= WIDEST_CREVICE || height >= crevice(ground, i) || !covers(ground, normal, hit) {
+        return false;
+    }
+    let up = nearest(ground, &Ray { origin: ray.origin, direction: normal }, &mut 0);
+    up.is_some_and(|up| up.t < crevice(ground, i) && covers(ground, normal, &up))
 }
 
-fn crevice(side: f32) -> f32 {
-    (CREVICE * side).min(WIDEST_CREVICE)
+/// How near something lies that covers patch `i` [m]. Nothing covers what shines.
+fn crevice(ground: &Ground, i: usize) -> f32 {
+    let (surface, triangle) = ground.tracer.place(ground.patches.first_triangle(i));
+    match ground.scene.material(surface, triangle).is_emissive() {
+        true => 0.0,
+        false => (CREVICE * side(ground, i)).min(WIDEST_CREVICE),
+    }
 }
 
 /// True where what was hit faces a place with this normal, and doesn't shine on it.
@@ -107,6 +116,8 @@ struct Probed {
     sequence: Sequence,
     /// The texel's side [m].
     side: f32,
+    /// How near what covers it lies [m].
+    crevice: f32,
     /// Cells from which something else than an inside is seen, and those from which something else than a black inside is.
     open: u16,
     lit: u16,
@@ -144,9 +155,8 @@ impl Probed {
         ground.tracer.closest_solid(&rays, &mut hits);
         *traced += 16;
         let normal = self.footprint.sample([0.5; 2]).normal;
-        let depth = crevice(self.side);
         for (ray, hit) in rays.iter().zip(&hits).filter_map(|(ray, hit)| Some((ray, hit.as_ref()?))) {
-            self.has_crevice |= hit.t * normal.dot(ray.direction) < depth && covers(ground, normal, hit);
+            self.has_crevice |= hit.t * normal.dot(ray.direction) < self.crevice && covers(ground, normal, hit);
             self.sees_wall |= hit.t < PARTING * self.side && is_black_back(ground, hit);
         }
         // Many patches beside one that lies inside something see no back at all.
@@ -181,7 +191,10 @@ impl Probed {
 
     /// Leaves out of the open cells those that are covered, and partly covered ones where others are whole.
     fn uncover(&self, ground: &Ground, traced: &mut u64) -> Opening {
-        let cells: Vec<u32> = (0..16).filter(|cell| self.open & (1 << cell) != 0).collect();
+        let is_at_rim = |cell: u32| around(cell) & !self.open != 0;
+        // Without a crevice, what covers a cell reaches out from one that is closed.
+        let (cells, clear): (Vec<u32>, Vec<u32>) =
+            (0..16).filter(|cell| self.open & (1 << cell) != 0).partition(|cell| self.has_crevice || is_at_rim(*cell));
         let up = |cell: &u32| {
             let cell = *cell;
             (0..PLACES).map(move |k| {
@@ -194,16 +207,14 @@ impl Probed {
         };
         let rays: Vec<Ray> = cells.iter().flat_map(up).collect();
         let hits = nearest_of(ground, &rays, traced);
-        let (mut whole, mut part, mut free) = (self.open, self.open, 0);
+        let (mut whole, mut part, mut free) = (self.open, self.open, clear.len() as u32 * PLACES);
         let places = rays.chunks(PLACES as usize).zip(hits.chunks(PLACES as usize));
         for (cell, (rays, hits)) in cells.into_iter().zip(places) {
-            let is_at_rim = around(cell) & !self.open != 0;
             let mut crevices = 0;
             for (ray, hit) in rays.iter().zip(hits) {
-                let is_crevice =
-                    hit.is_some_and(|hit| hit.t < crevice(self.side) && covers(ground, ray.direction, &hit));
+                let is_crevice = hit.is_some_and(|hit| hit.t < self.crevice && covers(ground, ray.direction, &hit));
                 crevices += u32::from(is_crevice);
-                let is_inside = match is_at_rim {
+                let is_inside = match is_at_rim(cell) {
                     true => look(ground, ray, *hit, traced) != Seen::Open,
                     // What no ray has found overlapping solids around is inside of one at most.
                     false => hit.is_some_and(|hit| hit.back),
@@ -232,10 +243,14 @@ impl Probed {
     fn in_front(&self, ground: &Ground, mask: u16, traced: &mut u64) -> u16 {
         let has = |cell: &u32| mask & (1 << cell) != 0;
         let lookouts: Vec<u32> = LOOKOUTS.into_iter().filter(has).collect();
-        // A wall that comes right through lies between two of the corners.
-        let corners: Vec<u32> = CORNERS.into_iter().filter(has).collect();
-        if corners.len() == CORNERS.len() && self.behind(ground, &corners, &corners, traced) == 0 {
-            return mask;
+        // A wall that comes right through lies between the ends of a diagonal.
+        if DIAGONALS.iter().flatten().all(has) {
+            let is_parted = |[a, b]: &[u32; 2]| {
+                self.behind(ground, &[*a], &[*b], traced) != 0 || self.behind(ground, &[*b], &[*a], traced) != 0
+            };
+            if !DIAGONALS.iter().any(is_parted) {
+                return mask;
+            }
         }
         let cells: Vec<u32> = (0..16).filter(has).collect();
         let left = mask & !self.behind(ground, &cells, &lookouts, traced);
@@ -282,6 +297,7 @@ pub(super) fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mu
         footprint: cutter.footprint(i),
         sequence: Sequence::new(seed, Stage::Unocclude, i as u64),
         side: side(ground, i),
+        crevice: crevice(ground, i),
         open: 0,
         lit: 0,
         has_crevice: false,
