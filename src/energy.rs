@@ -1,13 +1,16 @@
 //! The energy balance of a bake, from the texels as they are written: what comes in is absorbed or escapes.
 //!
 //! In: the emitted power of surfaces, and the flux of other lights and the sky where it meets a surface. Out: `(1 - rho) E A`
-//! of every texel, and the share of `B A` that lands on nothing that can reflect it. Backs of double-sided surfaces are shown
+//! of every texel, and what is sent and lands on nothing that can reflect it: of emitted light as rays of its own tell
+//! ([`emitted`]), of reflected light by the share of each texel's rays that landed. Backs of double-sided surfaces are shown
 //! by no texel; their part comes from [`Backs`], as far as the rest of the scene sees them. Parts of texels that lie inside other geometry don't count,
 //! nor do surfaces that receive without casting: the light on them goes on to what lies behind. Nor does what passes through sheets:
 //! it is absorbed elsewhere, or escapes (by channel, what escapes through coloured panes is told by its mean).
 //!
 //! Pages show irradiance about the shading normal, which differs from what a surface receives: on smooth-shaded meshes the
 //! balance says less than with geometric normals.
+
+mod emitted;
 
 use crate::color::Rgb;
 use crate::gather::{Backs, Gathered};
@@ -53,6 +56,7 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
         .map(|part| power(bake, lightmap, half, part * PART..count.min((part + 1) * PART)))
         .collect();
     let Power { emitted, absorbed, mut escaped } = parts.into_iter().fold(Power::default(), Power::add);
+    escaped += emitted::escaped(&bake.lit, bake.backs);
     let mut backs = DVec3::ZERO;
     let all = bake.backs;
     for (b, area) in all.area.iter().enumerate() {
@@ -93,7 +97,7 @@ impl Power {
     }
 }
 
-/// What the patches in `range` emit, absorb and let escape.
+/// What the patches in `range` emit, absorb, and let escape of what they reflect.
 fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> Power {
     let patches = bake.lit.ground.patches;
     let mut power = Power::default();
@@ -111,11 +115,9 @@ fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> P
             written_irradiance(lightmap, patches.texel(i), rho, emittance, half) + left_out
         };
         power.absorbed += (bake.lit.exposure.taking_area(i) - area * rho) * irradiance;
-        power.escaped += area * (1.0 - landed) * (emittance + rho * irradiance);
-        let back = bake.backs.of_patch[i];
-        if back != crate::patch::NONE {
+        power.escaped += area * (1.0 - landed) * rho * irradiance;
+        if bake.backs.of_patch[i] != crate::patch::NONE {
             power.emitted += whole * emittance;
-            power.escaped += whole * (1.0 - f64::from(bake.backs.landed_share[back as usize])) * emittance;
         }
     }
     power

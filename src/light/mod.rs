@@ -26,7 +26,7 @@ pub use sky::Sky;
 
 use crate::patch::{Emission, Ground, Reflectance, unocclude::Exposure};
 use crate::scene::{BakeMode, Contribution, Environment, Light, Linked, Scene};
-use crate::trace::Tracer;
+use crate::trace::{Hit, Tracer};
 use delta::DeltaLight;
 use direct::DirectParams;
 use portal::Portal;
@@ -139,4 +139,18 @@ pub struct Lit<'a> {
     pub lights: &'a Lights,
     /// How light straight from lights is estimated.
     pub params: &'a DirectParams,
+}
+
+impl Lit<'_> {
+    /// The patch under a hit, where the side that was hit can send light back: not on the backs of single-sided surfaces, which are
+    /// black, nor on the front of buried patches.
+    pub fn reflecting(&self, hit: &Hit) -> Option<usize> {
+        let patch = self.ground.patch_under(hit)?;
+        let (surface, triangle) = self.ground.tracer.place(hit.triangle);
+        let reflects = match hit.back {
+            true => self.ground.scene.material(surface, triangle).double_sided,
+            false => !self.exposure.is_buried(patch),
+        };
+        reflects.then_some(patch)
+    }
 }

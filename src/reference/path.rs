@@ -178,14 +178,7 @@ impl<'a> PathTracer<'a> {
 
     /// The albedo of the texel under a hit; `None` where nothing is sent back: on black backs and buried texels.
     fn albedo_under(&self, hit: &Hit) -> Option<Rgb> {
-        let patch = self.lit.ground.patch_under(hit)?;
-        let (surface, triangle) = self.lit.ground.tracer.place(hit.triangle);
-        let reflects = if hit.back {
-            self.lit.ground.scene.material(surface, triangle).double_sided
-        } else {
-            !self.lit.exposure.is_buried(patch)
-        };
-        reflects.then(|| self.lit.reflectance.0[patch])
+        Some(self.lit.reflectance.0[self.lit.reflecting(hit)?])
     }
 }
 

@@ -30,6 +30,7 @@ pub enum Stage {
     Back,
     Openness,
     LightProbe,
+    Emitted,
 }
 
 impl Sequence {
