@@ -7,7 +7,7 @@
 use super::contribution;
 use super::document::Document;
 use super::mesh::{default_material, uv_name};
-use super::texture::{Images, image, missing_message, read_picture, wrap};
+use super::texture::{Images, read_picture, wrap};
 use super::transmission::Transmission;
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
@@ -45,7 +45,7 @@ pub(super) fn materials(
         sources.push(Source::read(document, index, warnings)?);
     }
     let infos = sources.iter().flat_map(|s| s.color_texture.iter().chain(s.emission_texture()));
-    let mut images = Images::read(document, infos.map(|i| i.index.value()), warnings);
+    let mut images = Images::read(document, infos.map(|i| i.index.value()));
 
     let mut materials = vec![Material::default(); default];
     for source in &sources {
@@ -143,7 +143,7 @@ impl Source {
         };
         if let Some(transmission) = &self.transmission {
             let pictures = transmission.pictures(|info, space| {
-                let picture = read_picture(document, info.index.value(), space, &mut images.files, warnings)?;
+                let picture = read_picture(document, info.index.value(), space, &place, &mut images.files, warnings)?;
                 Some((picture, placement(document, info, 0, &place, warnings)))
             });
             transmission.apply(&pictures, &mut material, &mut images.textures, &place, warnings);
@@ -160,13 +160,7 @@ fn slot(
     place: &str,
     warnings: &mut Warnings,
 ) -> Option<TextureSlot> {
-    let texture = info.index.value();
-    let Some(index) = images.of(document, texture) else {
-        if image(document, texture).is_none() {
-            warnings.add_missing(place, missing_message(document, texture));
-        }
-        return None;
-    };
+    let index = images.of(document, info.index.value(), place, warnings)?;
     Some(placement(document, info, index, place, warnings))
 }
 

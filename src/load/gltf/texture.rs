@@ -18,46 +18,49 @@ use std::path::PathBuf;
 
 /// The decoded images of a document.
 pub(super) struct Images {
-    /// Index into `textures` by image of the document; `None` where it can't be read.
-    by_image: BTreeMap<usize, Option<usize>>,
+    /// Index into `textures` by image of the document, or why it can't be read.
+    by_image: BTreeMap<usize, std::result::Result<usize, String>>,
     pub textures: Vec<Texture>,
     /// Files that were read.
     pub files: Vec<PathBuf>,
 }
 
 impl Images {
-    /// Decodes the images of `textures` (indices of the document's), each once. Those that can't be read are warnings.
-    pub fn read(document: &Document, textures: impl Iterator<Item = usize>, warnings: &mut Warnings) -> Self {
+    /// Decodes the images of `textures` (indices of the document's), each once.
+    pub fn read(document: &Document, textures: impl Iterator<Item = usize>) -> Self {
         let mut images: Vec<usize> = textures.filter_map(|t| image(document, t)).collect();
         images.sort_unstable();
         images.dedup();
         let decoded: Vec<_> = images.par_iter().map(|&i| read_image(document, i, ColorSpace::Srgb)).collect();
         let mut out = Self { by_image: BTreeMap::new(), textures: Vec::new(), files: Vec::new() };
         for (image, result) in images.into_iter().zip(decoded) {
-            let index = match result {
-                Ok((texture, file)) => {
-                    out.textures.push(texture);
-                    out.files.extend(file);
-                    Some(out.textures.len() - 1)
-                }
-                Err(e) => {
-                    warnings.add_missing(e, "the texture can't be read; the factor alone was used");
-                    None
-                }
-            };
-            out.by_image.insert(image, index);
+            let index = result.map(|(texture, file)| {
+                out.textures.push(texture);
+                out.files.extend(file);
+                out.textures.len() - 1
+            });
+            out.by_image.insert(image, index.map_err(|e| e.to_string()));
         }
         out
     }
 
-    /// The scene's index of texture `texture` of the document.
-    pub fn of(&self, document: &Document, texture: usize) -> Option<usize> {
-        self.by_image.get(&image(document, texture)?).copied().flatten()
+    /// The scene's index of texture `texture` of the document; `None`, with a warning that names `user` and the file, where its
+    /// image can't be read.
+    pub fn of(&self, document: &Document, texture: usize, user: &str, warnings: &mut Warnings) -> Option<usize> {
+        match image(document, texture).and_then(|image| self.by_image.get(&image)) {
+            Some(Ok(index)) => return Some(*index),
+            Some(Err(error)) => warnings.add_missing(format!("{user}: {error}"), UNREADABLE),
+            None => warnings.add_missing(user, missing_message(document, texture)),
+        }
+        None
     }
 }
 
+/// What is said of a texture whose image can't be read.
+const UNREADABLE: &str = "the texture can't be read; the factor alone was used";
+
 /// The image of a texture; `None` where it has only one of a format that can't be read.
-pub(super) fn image(document: &Document, texture: usize) -> Option<usize> {
+fn image(document: &Document, texture: usize) -> Option<usize> {
     let texture = document.json.get("textures")?.get(texture)?;
     let webp = texture.get("extensions").and_then(|e| e.get("EXT_texture_webp")?.get("source"));
     let source = webp.or_else(|| texture.get("source"))?.as_u64()?;
@@ -65,7 +68,7 @@ pub(super) fn image(document: &Document, texture: usize) -> Option<usize> {
 }
 
 /// What is said of a texture without an image.
-pub(super) fn missing_message(document: &Document, texture: usize) -> &'static str {
+fn missing_message(document: &Document, texture: usize) -> &'static str {
     let texture = document.json.get("textures").and_then(|t| t.get(texture));
     let is_basis = texture.and_then(|t| t.get("extensions")?.get("KHR_texture_basisu")).is_some();
     if is_basis {
@@ -76,17 +79,18 @@ pub(super) fn missing_message(document: &Document, texture: usize) -> &'static s
     }
 }
 
-/// The picture of texture `texture`, for numbers that aren't the scene's textures; a warning where it can't be read. Adds
+/// The picture of texture `texture` of `user`, for numbers that aren't the scene's textures; a warning where it can't be read. Adds
 /// the file that it came from to `files`.
 pub(super) fn read_picture(
     document: &Document,
     texture: usize,
     space: ColorSpace,
+    user: &str,
     files: &mut Vec<PathBuf>,
     warnings: &mut Warnings,
 ) -> Option<Texture> {
     let Some(image) = image(document, texture) else {
-        warnings.add_missing(document.place("textures", texture), missing_message(document, texture));
+        warnings.add_missing(user, missing_message(document, texture));
         return None;
     };
     match read_image(document, image, space) {
@@ -95,7 +99,7 @@ pub(super) fn read_picture(
             Some(picture)
         }
         Err(e) => {
-            warnings.add_missing(e, "the texture can't be read; the factor alone was used");
+            warnings.add_missing(format!("{user}: {e}"), UNREADABLE);
             None
         }
     }

@@ -19,7 +19,7 @@ use super::udim;
 use crate::color::Rgb;
 use crate::load::access::Access;
 use crate::scene::{Alpha, Contribution, Material, Mesh, Texture, TextureSlot};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use openusd::sdf::{Path, Value};
 use openusd::usd::{Attribute, Prim, Stage};
 use std::collections::HashMap;
@@ -366,7 +366,7 @@ impl Materials {
             Some(Sampled::Slot(slot)) => {
                 return ColorInput { factor: Rgb::ONE, texture: Some(slot), output, display_color: false };
             }
-            Some(Sampled::Missing(fallback)) => return constant(fallback.map_or(default, |f| f.truncate())),
+            Some(Sampled::Missing(fallback)) => return constant(fallback.map_or(default, |f| channels(f, &output))),
             None => {}
         }
         let id = network::shader_id(&node, w);
@@ -446,6 +446,17 @@ pub struct Glow<'a> {
 impl ColorInput {
     fn constant(factor: Rgb) -> Self {
         Self { factor, texture: None, output: String::new(), display_color: false }
+    }
+}
+
+/// What the output `output` of a texture node tells of its value: one channel for all three, or the colour.
+fn channels(value: Vec4, output: &str) -> Rgb {
+    match output {
+        "r" => Rgb::splat(value.x),
+        "g" => Rgb::splat(value.y),
+        "b" => Rgb::splat(value.z),
+        "a" => Rgb::splat(value.w),
+        _ => value.truncate(),
     }
 }
 

@@ -27,7 +27,8 @@ pub struct Textures {
     by_channel: HashMap<(usize, usize), usize>,
     /// The files, packages included.
     pub files: Vec<PathBuf>,
-    by_file: HashMap<(String, &'static str), Option<usize>>,
+    /// Index into `textures` by file and color space, or why it can't be read.
+    by_file: HashMap<(String, &'static str), Result<usize, String>>,
 }
 
 /// A texture node on an input: the slot, or the value that stands in for a picture that can't be read.
@@ -127,7 +128,8 @@ impl Textures {
             return None;
         }
         let Some(resolved) = file.resolved_path() else {
-            warnings.add_missing(format!("{}: {name}", prim.path()), "a texture file was not found");
+            let message = "a texture file was not found; what its input has without it is used";
+            warnings.add_missing(format!("{}: {name}", prim.path()), message);
             return None;
         };
         let key = match space {
@@ -135,29 +137,29 @@ impl Textures {
             ColorSpace::Linear => "raw",
             ColorSpace::Auto => "auto",
         };
-        if let Some(&known) = self.by_file.get(&(resolved.to_owned(), key)) {
-            return known;
+        let key = (resolved.to_owned(), key);
+        if !self.by_file.contains_key(&key) {
+            let read = self.decode(resolved, space);
+            self.by_file.insert(key.clone(), read);
         }
-        let access = &self.access;
-        let decoded =
-            self.resolver.read(resolved).map_err(|error| error.to_string()).and_then(|bytes| {
-                access.decode(resolved_name(resolved), &bytes, space).map_err(|error| error.to_string())
-            });
-        let index = match decoded {
-            Ok(mut texture) => {
-                texture.name = resolved.to_owned();
-                self.files.push(package_file(resolved));
-                self.textures.push(texture);
-                Some(self.textures.len() - 1)
-            }
+        match &self.by_file[&key] {
+            Ok(index) => Some(*index),
             Err(error) => {
-                warnings
-                    .add_missing(format!("{}: {name}", prim.path()), format!("a texture could not be read: {error}"));
+                let message = "a texture could not be read; what its input has without it is used";
+                warnings.add_missing(format!("{}: {name}: {error}", prim.path()), message);
                 None
             }
-        };
-        self.by_file.insert((resolved.to_owned(), key), index);
-        index
+        }
+    }
+
+    /// Decodes the picture in the file `resolved`: its index, or why that can't be.
+    fn decode(&mut self, resolved: &str, space: ColorSpace) -> Result<usize, String> {
+        let bytes = self.resolver.read(resolved).map_err(|error| error.to_string())?;
+        let decoded = self.access.decode(resolved_name(resolved), &bytes, space);
+        let texture = decoded.map_err(|error| error.to_string())?;
+        self.files.push(package_file(resolved));
+        self.textures.push(Texture { name: resolved.to_owned(), ..texture });
+        Ok(self.textures.len() - 1)
     }
 }
 
