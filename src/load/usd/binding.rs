@@ -61,8 +61,14 @@ pub fn level(
         };
         let (collection, material) = match (&targets[..], is_collection) {
             ([collection, material], true) => (Some(collection.clone()), material.clone()),
-            ([material, ..], false) => (None, material.clone()),
-            _ => continue,
+            ([material], false) => (None, material.clone()),
+            ([], _) => continue,
+            _ => {
+                let message =
+                    "a material binding with other targets than one material (and a collection) binds nothing";
+                warnings.add(relationship.path(), message);
+                continue;
+            }
         };
         let strength = relationship.get_metadata::<Value>("bindMaterialAs").ok().flatten().and_then(read::to_text);
         let strong = strength.as_deref() == Some("strongerThanDescendants");
