@@ -245,10 +245,10 @@ pub struct LimitArgs {
     /// Largest picture, width times height [texels; 1..268435456; default: 268435456]
     #[arg(long, value_name = "N")]
     pub max_texture: Option<u64>,
-    /// Refuse a bake of more texels than this [default: no limit]
+    /// Refuse more texels than this [default: no limit]
     #[arg(long, value_name = "N")]
     pub max_texels: Option<u64>,
-    /// Refuse a bake that would take more memory than this, by an estimate: 4G, 512M [bytes; default: no limit]
+    /// Refuse what would take more memory than this, by an estimate: 4G, 512M [bytes; default: no limit]
     #[arg(long, value_name = "BYTES")]
     pub max_memory: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! Refuses bakes that would be larger than was allowed, before the work begins.
+//! Refuses bakes, and matrices of form factors, that would be larger than was allowed, before the work begins.
 //!
 //! The estimate of memory is what the process holds once the scene is loaded, and what texels and triangles take on top
 //! of it by the figures that `tests/memory.rs` holds. It is an estimate: the light of a scene decides how many links
@@ -31,16 +31,22 @@ const PAGE_BYTES: f64 = 16.0;
 const LAYER_BYTES: f64 = 12.0;
 const APART_BYTES: f64 = 36.0;
 
+/// Memory of a pair of elements [bytes]: its form factor and the error of it.
+const PAIR_BYTES: f64 = 8.0;
+
+/// How to make a bake smaller.
+const LOWER: &str = "ask for a lower --density, --resolution or --quality";
+
 /// Refuses a scene by the texels and memory that a bake would take, about, before it is unwrapped.
 ///
 /// # Errors
 /// `Invalid` naming the limit and what to lower.
 pub fn check_scene(loaded: &Loaded, settings: &Settings) -> Result<()> {
-    if settings.max_texels.is_none() && settings.max_memory.is_none() {
+    if is_unlimited(settings) {
         return Ok(());
     }
-    let expected = inspect::estimate_of(&loaded.scene, settings);
-    check(loaded, expected.texels, expected.pages * u64::from(expected.page_size).pow(2), settings)
+    let size = Size::estimated(loaded, settings);
+    size.check(loaded, bake_bytes(&size, &loaded.scene, settings), LOWER, settings)
 }
 
 /// Refuses a layout by the texels of its pages.
@@ -48,38 +54,84 @@ pub fn check_scene(loaded: &Loaded, settings: &Settings) -> Result<()> {
 /// # Errors
 /// As [`check_scene`].
 pub fn check_atlas(loaded: &Loaded, atlas: &Atlas, settings: &Settings) -> Result<()> {
-    let page_texels: u64 = atlas.pages.iter().map(|[w, h]| u64::from(*w) * u64::from(*h)).sum();
-    let expected = inspect::estimate_of(&loaded.scene, settings);
-    check(loaded, expected.texels.min(page_texels), page_texels, settings)
+    if is_unlimited(settings) {
+        return Ok(());
+    }
+    let size = Size::of(loaded, atlas, settings);
+    size.check(loaded, bake_bytes(&size, &loaded.scene, settings), LOWER, settings)
 }
 
-/// `texels` are covered, of `page_texels`.
-fn check(loaded: &Loaded, texels: u64, page_texels: u64, settings: &Settings) -> Result<()> {
-    const LOWER: &str = "ask for a lower --density, --resolution or --quality";
-    if let Some(most) = settings.max_texels.filter(|most| texels > *most) {
-        let message = format!("the bake would have about {texels} texels; {LOWER}, or raise the limit of {most}");
-        return Err(Error::invalid("--max-texels", message));
+/// Refuses a matrix of form factors between about `elements`, before the scene is unwrapped, or by its layout.
+///
+/// # Errors
+/// As [`check_scene`].
+pub fn check_form_factors(loaded: &Loaded, atlas: Option<&Atlas>, elements: usize, settings: &Settings) -> Result<()> {
+    if is_unlimited(settings) {
+        return Ok(());
     }
-    let Some(most) = settings.max_memory else { return Ok(()) };
-    let triangles = loaded.scene.triangle_count() as f64;
-    let held = peak_memory().unwrap_or(0);
-    let (layers, apart) = layer_counts(&loaded.scene, settings);
+    let size = atlas.map_or_else(|| Size::estimated(loaded, settings), |atlas| Size::of(loaded, atlas, settings));
+    // Every surface has an element at least.
+    let elements = elements.max(loaded.scene.surfaces.len()) as f64;
+    let bytes = size.texels as f64 * TEXEL_BYTES + PAIR_BYTES * elements * elements;
+    size.check(loaded, bytes, "ask for fewer --elements or a lower --density or --resolution", settings)
+}
+
+fn is_unlimited(settings: &Settings) -> bool {
+    settings.max_texels.is_none() && settings.max_memory.is_none()
+}
+
+/// How large a run is.
+struct Size {
+    /// Covered texels.
+    texels: u64,
+    /// All texels of the pages.
+    page_texels: u64,
+}
+
+impl Size {
+    /// About as large as the scene will be.
+    fn estimated(loaded: &Loaded, settings: &Settings) -> Self {
+        let expected = inspect::estimate_of(&loaded.scene, settings);
+        Self { texels: expected.texels, page_texels: expected.pages * u64::from(expected.page_size).pow(2) }
+    }
+
+    /// As large as the pages of `atlas`.
+    fn of(loaded: &Loaded, atlas: &Atlas, settings: &Settings) -> Self {
+        let page_texels = atlas.pages.iter().map(|[w, h]| u64::from(*w) * u64::from(*h)).sum();
+        Self { texels: Self::estimated(loaded, settings).texels.min(page_texels), page_texels }
+    }
+
+    /// Refuses more texels than are allowed, and more memory: what is held, `bytes` on top and the triangles. `lower` is what to do.
+    fn check(&self, loaded: &Loaded, bytes: f64, lower: &str, settings: &Settings) -> Result<()> {
+        let texels = self.texels;
+        if let Some(most) = settings.max_texels.filter(|most| texels > *most) {
+            let message = format!("there would be about {texels} texels; {lower}, or raise the limit of {most}");
+            return Err(Error::invalid("--max-texels", message));
+        }
+        let Some(most) = settings.max_memory else { return Ok(()) };
+        let triangles = loaded.scene.triangle_count() as f64;
+        let held = peak_memory().unwrap_or(0);
+        let bytes = held.saturating_add((bytes + triangles * TRIANGLE_BYTES) as u64);
+        if bytes > most {
+            let message = format!(
+                "about {} would be taken: {} for the scene as it is loaded, the rest for {texels} texels and {triangles} \
+                 triangles; {lower}, make pictures smaller, or raise the limit of {}",
+                mebibytes(bytes),
+                mebibytes(held),
+                mebibytes(most)
+            );
+            return Err(Error::invalid("--max-memory", message));
+        }
+        Ok(())
+    }
+}
+
+/// Memory that the texels of a bake take [bytes].
+fn bake_bytes(size: &Size, scene: &Scene, settings: &Settings) -> f64 {
+    let (layers, apart) = layer_counts(scene, settings);
     let moments = if settings.directional == Directional::Off { [0.0; 2] } else { MOMENT_BYTES };
-    let work = texels as f64 * (texel_bytes(settings) + apart as f64 * APART_BYTES + moments[0])
-        + page_texels as f64 * (PAGE_BYTES + layers as f64 * LAYER_BYTES + moments[1])
-        + triangles * TRIANGLE_BYTES;
-    let bytes = held.saturating_add(work as u64);
-    if bytes > most {
-        let message = format!(
-            "the bake would take about {}: {} for the scene as it is loaded, the rest for {texels} texels and {triangles} \
-             triangles; {LOWER}, make pictures smaller, or raise the limit of {}",
-            mebibytes(bytes),
-            mebibytes(held),
-            mebibytes(most)
-        );
-        return Err(Error::invalid("--max-memory", message));
-    }
-    Ok(())
+    size.texels as f64 * (texel_bytes(settings) + apart as f64 * APART_BYTES + moments[0])
+        + size.page_texels as f64 * (PAGE_BYTES + layers as f64 * LAYER_BYTES + moments[1])
 }
 
 /// How many layers pages will have, at most, and how many of them are light that is told apart.

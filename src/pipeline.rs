@@ -198,10 +198,12 @@ pub fn form_factors(scene: &Path, output: &Path, settings: &Settings, progress: 
     progress.begin("load", 0);
     let mut loaded = load::load_with(scene, &settings.load_options())?;
     keep_casters(&mut loaded)?;
+    limits::check_form_factors(&loaded, None, params.elements, settings)?;
     loaded.inputs.iter().try_for_each(|input| refuse_input(output, input))?;
     // A folder that can't be written is found out now, not after hours of work.
     Staging::new(folder)?;
     let (atlas, of_atlas) = unwrap::unwrap(&loaded.scene, &settings.unwrap_params(), progress)?;
+    limits::check_form_factors(&loaded, Some(&atlas), params.elements, settings)?;
     let found = view_factors(&loaded.scene, &atlas, &params, progress)?;
     progress.begin("write", 0);
     let mut staging = Staging::new(folder)?;

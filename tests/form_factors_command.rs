@@ -277,6 +277,18 @@ fn a_matrix_has_its_limit() {
 }
 
 #[test]
+fn limits_refuse_before_the_work() {
+    let f = Folder::with_cube("limits");
+    for (limit, value, lower) in [("--max-texels", "1000", "--resolution"), ("--max-memory", "1G", "--elements")] {
+        let output = f.run(&["cube.gltf", "--elements", "20000", limit, value]);
+        let text = stderr(&output);
+        assert!(output.status.code() == Some(1) && text.contains(limit) && text.contains(lower), "{text}");
+    }
+    assert_eq!(f.entries(), ["cube.gltf"]);
+    f.succeed(&["cube.gltf", "--elements", "64", "--max-texels", "16384", "--max-memory", "1G"]);
+}
+
+#[test]
 fn only_form_factors_of_the_same_scene_are_replaced() {
     let f = Folder::with_cube("replace");
     let scene = f.bytes("cube.gltf");
