@@ -63,12 +63,12 @@ impl DensityVolume {
     }
 }
 
-/// The mean over a triangle's area of the square of what all `volumes` make of the density, by points at most a quarter of the
+/// The mean over a triangle's area of the square of what all `volumes` make of the density, by points at most a sixteenth of the
 /// smallest volume apart, [`MOST_POINTS`] a side at most.
 pub fn mean_square(volumes: &[DensityVolume], [a, b, c]: [Vec3; 3]) -> f64 {
     let grain = volumes.iter().map(DensityVolume::grain).fold(f32::INFINITY, f32::min);
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
-    let n = ((4.0 * longest / grain).ceil().max(1.0) as u32).min(MOST_POINTS);
+    let n = ((16.0 * longest / grain).ceil().max(1.0) as u32).min(MOST_POINTS);
     let mut sum = 0.0;
     let mut add = |i: f32, j: f32| {
         let point = a + (b - a) * (i / n as f32) + (c - a) * (j / n as f32);
