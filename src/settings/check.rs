@@ -3,7 +3,7 @@
 use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
-use crate::post::LayerKind;
+use crate::post::{LayerKind, denoise::Denoise};
 use crate::reference::BATCHES;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
@@ -52,6 +52,7 @@ impl Settings {
         self.check_layers()?;
         self.check_gather()?;
         self.check_solver()?;
+        self.check_denoise()?;
         if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
             return Err(Error::invalid("resolution", "chooses the density by itself; leave out density and page-size"));
         }
@@ -81,6 +82,22 @@ impl Settings {
                 has(LayerKind::Error) && self.gather == Gather::None,
                 "layers",
                 "without a gather no error is known; leave out error, or gather none",
+            ),
+        ])
+    }
+
+    fn check_denoise(&self) -> Result<()> {
+        let is_asked = matches!(self.denoise, Denoise::Builtin | Denoise::Oidn);
+        refuse_first(&[
+            (
+                is_asked && self.gather == Gather::None,
+                "denoise",
+                "without a gather no noise is known; leave it out, or gather none",
+            ),
+            (
+                self.oidn_library.is_some() && self.denoise != Denoise::Oidn,
+                "oidn-library",
+                "is for denoise oidn, which is not chosen",
             ),
         ])
     }
