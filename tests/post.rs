@@ -9,7 +9,7 @@ use lumel::illuminate::Illuminated;
 use lumel::light::{Lights, Lit};
 use lumel::patch::unocclude::unocclude;
 use lumel::patch::{Ground, rasterize, reflectance::reflectance};
-use lumel::post::denoise::{Denoise, scales::Scales};
+use lumel::post::denoise::{Denoise, oidn::Oidn, scales::Scales};
 use lumel::post::dilate::{Finish, fill};
 use lumel::post::gutter::Gutter;
 use lumel::post::seam::{SeamMode, bilinear};
@@ -19,6 +19,7 @@ use lumel::scene::Scene;
 use lumel::settings::{Gather, Settings};
 use lumel::trace::{Tracer, Triangles};
 use lumel::unwrap::Atlas;
+use std::path::Path;
 use support::measure::{Case, room_with_a_block, sunroom};
 use support::{Quad, atlas, draft, scene};
 
@@ -155,6 +156,24 @@ fn a_gather_of_few_rays_loses_more_than_half_of_its_noise() {
         println!("{}: error left {all:.3}, at borders {at_border:.3}", case.name);
         assert!(all < 0.5 && at_border < 0.9, "{}: {all} {at_border}", case.name);
     }
+}
+
+#[test]
+fn open_image_denoise_filters_where_its_library_is() {
+    let missing = Oidn::open(Some(Path::new("no/such/library.so"))).err().map(|e| e.to_string());
+    assert!(missing.is_some_and(|e| e.contains("no/such/library.so")));
+    if Oidn::open(None).is_err() {
+        println!("skipped: no Open Image Denoise; give its library with LUMEL_OIDN");
+        return;
+    }
+    let case = room_with_a_block(24);
+    let light = |baked: &Illuminated| -> Vec<f32> { baked.gathered.indirect.iter().map(|v| luminance(*v)).collect() };
+    let truth = light(&gathered(&case, 4096, Denoise::Off));
+    let (raw, clean) = (gathered(&case, 64, Denoise::Off), gathered(&case, 64, Denoise::Oidn));
+    assert!(clean.denoised.as_ref().is_some_and(|d| d.filter.starts_with("Open Image Denoise 2")));
+    let left = rms(&light(&clean), &truth, |_| true) / rms(&light(&raw), &truth, |_| true);
+    println!("error left {left:.3}");
+    assert!(left < 0.8, "{left}");
 }
 
 /// Which patches have fewer than eight neighbours.

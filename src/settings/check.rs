@@ -3,7 +3,7 @@
 use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
-use crate::post::{Directional, LayerKind, Quantity};
+use crate::post::{Directional, LayerKind, Quantity, denoise::Denoise};
 use crate::reference::BATCHES;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
@@ -67,6 +67,7 @@ impl Settings {
         self.check_pages()?;
         self.check_gather()?;
         self.check_solver()?;
+        self.check_denoise()?;
         if self.resolution.is_some() && (self.density.is_some() || self.page_size.is_some()) {
             return Err(Error::invalid("resolution", "chooses the density by itself; leave out density and page-size"));
         }
@@ -170,6 +171,22 @@ impl Settings {
                 is_directional && self.quantity == Quantity::Radiosity,
                 "directional",
                 "what a surface sends out is the same all round; choose the quantity outgoing or irradiance",
+            ),
+        ])
+    }
+
+    fn check_denoise(&self) -> Result<()> {
+        let is_asked = matches!(self.denoise, Denoise::Builtin | Denoise::Oidn);
+        refuse_first(&[
+            (
+                is_asked && self.gather == Gather::None,
+                "denoise",
+                "without a gather no noise is known; leave it out, or gather none",
+            ),
+            (
+                self.oidn_library.is_some() && self.denoise != Denoise::Oidn,
+                "oidn-library",
+                "is for denoise oidn, which is not chosen",
             ),
         ])
     }

@@ -38,13 +38,15 @@ pub struct Scales {
     /// What noise is multiplied by before it is told from detail, 1 or more: squares are pooled over 25 texels at most, and chance makes
     /// detail of noise.
     pub caution: f32,
+    /// Standard errors that a texel may be moved by at one scale, more than 0.
+    pub most_moved: f32,
 }
 
 impl Scales {
     /// For texels that gather each on its own.
-    pub const SINGLE: Self = Self { count: 5, caution: 1.5 };
+    pub const SINGLE: Self = Self { count: 5, caution: 1.5, most_moved: 2.5 };
     /// For texels read between blocks, which were smoothed: what noise is left is worth little detail.
-    pub const BLOCKS: Self = Self { count: 5, caution: 1.2 };
+    pub const BLOCKS: Self = Self { count: 5, caution: 1.2, most_moved: 1.0 };
 }
 
 /// A texel of a neighbourhood, its weight, how far its normal agrees, and its place [texels].
@@ -89,7 +91,7 @@ impl Scales {
         let had: Vec<DVec3> = fluxes(lit, targets[0]);
         let mut reach = Reach::new(lit);
         let squares: Vec<[f32; 2]> = targets[1].par_iter().map(|d| [d.length_squared(), 0.0]).collect();
-        let noise: Vec<f32> = pool(&reach, &squares, |tap| tap.weight).iter().map(|square| square[0]).collect();
+        let noise: Vec<f32> = pool(&reach, &squares, |tap| tap.weight, |_, [square, _]| square);
         drop(squares);
         // Texel by texel, all quantities of one side by side.
         let width = targets.len();
@@ -100,7 +102,8 @@ impl Scales {
                 reach = reach.doubled();
             }
             let (smooth, squares) = planes(&reach, &values, width);
-            let lost = self.lost(&pool(&reach, &squares, |tap| tap.alike), &squares, &noise);
+            let lost = pool(&reach, &squares, |tap| tap.alike, |i, pooled| self.lost(pooled, squares[i][0], noise[i]));
+            drop(squares);
             for (k, target) in targets.iter_mut().enumerate() {
                 let detail = |i: usize| values[i * width + k] - smooth[i * width + k];
                 target.par_iter_mut().enumerate().for_each(|(i, t)| *t -= detail(i) * lost[i]);
@@ -112,23 +115,17 @@ impl Scales {
         Ok(())
     }
 
-    /// The share of each texel's detail that is taken for noise: from the squares of the detail and of its noise, `pooled` and the texel's
-    /// own, and the variance of the noise there. No texel is moved by more than its own noise explains: beside a bright and noisy
-    /// place, dark ones stay dark.
-    fn lost(&self, pooled: &[[f32; 2]], own: &[[f32; 2]], variance: &[f32]) -> Vec<f32> {
-        let of = |((&[whole, noise], own), variance): ((&[f32; 2], &[f32; 2]), &f32)| {
-            if whole <= 0.0 {
-                return 0.0;
-            }
-            let most = if own[0] > 0.0 { MOST_MOVED * (variance / own[0]).sqrt() } else { 1.0 };
-            (self.caution * noise / whole).min(most).min(1.0)
-        };
-        pooled.par_iter().zip(own).zip(variance).map(of).collect()
+    /// The share of a texel's detail that is taken for noise: from the squares of detail and noise, pooled; that of its `own` detail; and
+    /// the `variance` of the noise there. No texel is moved by more than its own noise explains: beside a bright and noisy place,
+    /// dark ones stay dark.
+    fn lost(&self, [whole, noise]: [f32; 2], own: f32, variance: f32) -> f32 {
+        if whole <= 0.0 {
+            return 0.0;
+        }
+        let most = if own > 0.0 { self.most_moved * (variance / own).sqrt() } else { 1.0 };
+        (self.caution * noise / whole).min(most).min(1.0)
     }
 }
-
-/// Standard errors that a texel may be moved by at one scale.
-const MOST_MOVED: f32 = 2.5;
 
 /// Ratios beyond which the light of a chart must have been all noise.
 const RATIO: [f32; 2] = [0.8, 1.25];
@@ -192,8 +189,13 @@ fn planes(reach: &Reach, values: &[Rgb], width: usize) -> (Vec<Rgb>, Vec<[f32; 2
     (smooth, squares)
 }
 
-/// Means over each texel's neighbourhood by `weight`.
-fn pool(reach: &Reach, squares: &[[f32; 2]], weight: impl Fn(&Tap) -> f32 + Sync) -> Vec<[f32; 2]> {
+/// What `judge` says of the means over each texel's neighbourhood by `weight`.
+fn pool(
+    reach: &Reach,
+    squares: &[[f32; 2]],
+    weight: impl Fn(&Tap) -> f32 + Sync,
+    judge: impl Fn(usize, [f32; 2]) -> f32 + Sync,
+) -> Vec<f32> {
     let mean = |i: usize| {
         let taps = reach.taps(i);
         let (mut sums, mut weights) = ([0.0f32; 2], 0.0);
@@ -202,7 +204,7 @@ fn pool(reach: &Reach, squares: &[[f32; 2]], weight: impl Fn(&Tap) -> f32 + Sync
             sums = [sums[0] + weight * square[0], sums[1] + weight * square[1]];
             weights += weight;
         }
-        sums.map(|sum| sum / weights)
+        judge(i, sums.map(|sum| sum / weights))
     };
     (0..squares.len()).into_par_iter().with_min_len(256).map(mean).collect()
 }
