@@ -79,6 +79,8 @@ pub struct BakeArgs {
     #[command(flatten)]
     pub texels: TexelArgs,
     #[command(flatten)]
+    pub adaptive: AdaptiveArgs,
+    #[command(flatten)]
     pub uvs: UvArgs,
     #[command(flatten)]
     pub light: LightArgs,
@@ -102,6 +104,8 @@ pub struct UnwrapArgs {
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub texels: TexelArgs,
+    #[command(flatten)]
+    pub adaptive: AdaptiveArgs,
     #[command(flatten)]
     pub uvs: UvArgs,
     #[command(flatten)]
@@ -274,6 +278,17 @@ pub struct TexelArgs {
     /// [default: pot]
     #[arg(long, value_name = "SIZES", value_parser = PossibleValuesParser::new(["pot", "free"]))]
     pub pages: Option<String>,
+}
+
+/// Where texels go.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Texels")]
+#[serde(rename_all = "kebab-case")]
+pub struct AdaptiveArgs {
+    /// Give charts more texels where a quick bake finds that light varies, and the others fewer, as many in all; 1: so that the
+    /// error is least, less: part of the way [0..1; default: 0, with the flag alone 1]
+    #[arg(long, value_name = "STRENGTH", num_args = 0..=1, require_equals = true, default_missing_value = "1")]
+    pub adaptive_density: Option<f32>,
 }
 
 /// Lightmap UVs.

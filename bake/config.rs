@@ -73,6 +73,7 @@ impl Typed for BakeArgs {
         let groups = [
             table(&self.scene)?,
             table(&self.texels)?,
+            table(&self.adaptive)?,
             table(&self.uvs)?,
             table(&self.light)?,
             table(&self.solver)?,
@@ -89,7 +90,13 @@ impl Typed for UnwrapArgs {
         &self.scene
     }
     fn table(&self) -> Result<Table> {
-        let groups = [table(&self.scene)?, table(&self.texels)?, table(&self.uvs)?, table(&self.running)?];
+        let groups = [
+            table(&self.scene)?,
+            table(&self.texels)?,
+            table(&self.adaptive)?,
+            table(&self.uvs)?,
+            table(&self.running)?,
+        ];
         Ok(groups.into_iter().flatten().collect())
     }
 }

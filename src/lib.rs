@@ -3,6 +3,7 @@
 //!
 //! [`pipeline::bake`] does all of it and is where to start to read; [`illuminate::illuminate`] is the part for scenes in memory.
 
+pub mod adaptive;
 pub mod added_light;
 pub mod blocks;
 pub mod color;

@@ -1,5 +1,6 @@
 //! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
+use crate::adaptive::{AdaptiveReport, adapt, densities};
 use crate::added_light;
 use crate::error::{Error, Result};
 use crate::folder;
@@ -15,7 +16,7 @@ use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse
 use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::transport::Method as FormFactors;
-use crate::unwrap::{self, Atlas};
+use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
 use crate::write::{self, Baked, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
@@ -261,9 +262,12 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
 }
 
 fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Report) -> Result<Atlas> {
-    let unwrap::Unwrapping { atlas, authored, warnings } =
-        unwrap::unwrap_judged(&loaded.scene, &settings.unwrap_params(), clock)?;
+    let (importance, adaptive) = adapt(&loaded.scene, settings, &mut report.warnings, clock)?.unzip();
+    let params = UnwrapParams { importance, ..settings.unwrap_params() };
+    let unwrap::Unwrapping { atlas, authored, warnings } = unwrap::unwrap_judged(&loaded.scene, &params, clock)?;
     report.warnings.extend(warnings);
+    let of_charts = |adaptive| AdaptiveReport { densities: densities(&loaded.scene, &atlas), ..adaptive };
+    report.adaptive = adaptive.map(of_charts);
     report.authored_uvs = authored;
     limits::check_atlas(loaded, &atlas, settings)?;
     Ok(atlas)

@@ -1,5 +1,6 @@
 //! What a bake did, for people and for `report.json`.
 
+use crate::adaptive::AdaptiveReport;
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::post::{Layer, denoise::DenoiseReport, seam::SeamReport};
@@ -42,6 +43,9 @@ pub struct Report {
     pub authored_uvs: Vec<AuthoredUvs>,
     /// Texels per metre.
     pub density: f32,
+    /// How texels went where light varies; absent where they didn't.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<AdaptiveReport>,
     /// Covered texels, those of hidden pages included.
     pub texels: usize,
     /// Texels that lie inside other geometry.
@@ -204,6 +208,10 @@ impl Report {
         let what = if is_lit { format!("{} texels", self.texels) } else { format!("{} surfaces", self.surfaces.len()) };
         let (count, sizes) = (pages.len(), pages.join(", "));
         let mut lines = vec![format!("{what} at {:.4} texels/m on {count} page(s): {sizes}", self.density)];
+        if let Some(AdaptiveReport { densities: d, quick_s, .. }) = &self.adaptive {
+            let spread = format!("{:.4} to {:.4}, half of the area below {:.4}", d.least, d.most, d.median);
+            lines.push(format!("texels/m of charts: {spread}; the quick bake took {quick_s:.1} s"));
+        }
         if is_lit {
             let how = match &self.solver {
                 None => "traced by paths".to_string(),

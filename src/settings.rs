@@ -61,6 +61,9 @@ pub struct Settings {
     pub resolution: Option<u32>,
     /// Texels per metre.
     pub density: Option<f32>,
+    /// How far texels go where light varies, as a quick bake tells, at the same number of texels in all: 0: not at all; 1: as far as
+    /// makes the error least; none: 0.
+    pub adaptive_density: Option<f32>,
     /// Size of each page [texels], where several may be used.
     pub page_size: Option<u32>,
     pub max_pages: Option<u32>,

@@ -32,6 +32,7 @@ impl Settings {
         }
         within("resolution", self.resolution, 16, 16384)?;
         within("density", self.density, 1e-4, 1e5)?;
+        within("adaptive-density", self.adaptive_density, 0.0, 1.0)?;
         within("page-size", self.page_size, 16, 16384)?;
         within("max-pages", self.max_pages, 1, 1024)?;
         within("padding", self.padding, 1, 64)?;
