@@ -5,6 +5,7 @@ mod support;
 use glam::{Vec2, Vec3, Vec4};
 use lumel::color::{Rgb, luminance};
 use lumel::illuminate::Illuminated;
+use lumel::post::denoise::Denoise;
 use lumel::scene::{Alpha, Light, LightShape, Material, Scene, Texels, Texture, TextureSlot, UvSet, Wrap};
 use lumel::settings::{Gather, Method, Normals, Quality, Settings};
 use lumel::trace::{Ray, Segment, Tracer};
@@ -201,12 +202,12 @@ fn a_furnace_with_sheets_in_it_stays_uniform() {
     }
 }
 
-/// A room lit through a tinted window in one wall, and parted by a blended screen.
-fn tinted_room() -> Scene {
+/// A room lit through a tinted window in one wall, with a blended screen in it, `gap` away from the walls and the floor.
+fn tinted_room(gap: f32) -> Scene {
     let [x, y, z] = [2.0, 1.5, 3.0];
     let mut quads = room([x, y, z]);
     // The wall at x = 0 becomes a pane, with the lamp behind it in a box of its own.
-    quads.push(Quad::new([0.0, 0.0, 1.8], [x, 0., 0.2], [0., 0.9, 0.]).double_sided());
+    quads.push(Quad::new([gap, gap, 1.8], [x - 2.0 * gap, 0., 0.2], [0., 0.9, 0.]).double_sided());
     quads.push(Quad::new([-0.8, 0.2, 0.6], [0., 1.0, 0.], [0., 0., 1.4]).emission(20.0));
     let mut scene = scene(&quads);
     scene.materials[2] = Material { albedo: Rgb::splat(0.1), double_sided: true, ..pane([0.7, 0.4, 0.2]) };
@@ -227,11 +228,16 @@ fn surface_means(baked: &Illuminated) -> Vec<Rgb> {
     (0..8).map(of).collect()
 }
 
+/// Light as it was found: denoising moves light between texels.
+fn exact() -> Settings {
+    Settings { normals: Normals::Geometric, quality: Quality::High, denoise: Denoise::Off, ..Settings::default() }
+}
+
 #[test]
 fn methods_agree_behind_a_tinted_window() {
-    let scene = tinted_room();
+    let scene = tinted_room(0.25);
     let atlas = atlas(8, 16);
-    let settings = Settings { normals: Normals::Geometric, quality: Quality::High, ..Settings::default() };
+    let settings = exact();
     let paths = bake(&scene, &atlas, &Settings { method: Method::Path, samples: Some(1024), ..settings.clone() });
     let truth = surface_means(&paths);
     println!("paths: balance {:+.5}", paths.energy.imbalance);
@@ -243,12 +249,7 @@ fn methods_agree_behind_a_tinted_window() {
         for (s, (mean, truth)) in means.iter().zip(&truth).enumerate().filter(|(_, (_, t))| t.x > 1e-3) {
             let off = (*mean / *truth - Rgb::ONE).abs().max_element();
             println!("  surface {s}: {mean} {truth} off {off:.4}");
-            // The screen that parts the room gets a little more by links and gather than by paths.
-
-            assert!(
-                off < if s != 6 && gather == Gather::Blocks { 0.015 } else { 0.03 },
-                "{gather:?}, surface {s}: {off}"
-            );
+            assert!(off < if gather == Gather::Blocks { 0.015 } else { 0.03 }, "{gather:?}, surface {s}: {off}");
         }
         let most = if gather == Gather::Blocks { 0.005 } else { 0.01 };
         assert!(baked.energy.imbalance.abs() < most, "{gather:?}: {}", baked.energy.imbalance);
@@ -257,9 +258,23 @@ fn methods_agree_behind_a_tinted_window() {
     assert!(luminance(floor) > 0.1 && floor.x > 1.5 * floor.y && floor.y > 1.5 * floor.z, "{floor}");
 }
 
+/// A screen that touches the walls stands in the middle of their texels, whose light is one number for both of its sides: its dark
+/// side gets too much by what those texels are of all that it sees. Neither the tint nor the sheet has a part in that: it halves with
+/// the texels, and turns round with the screen.
+#[test]
+fn what_a_screen_gets_from_texels_that_it_cuts_shrinks_with_them() {
+    let scene = tinted_room(0.0);
+    let paths = Settings { method: Method::Path, samples: Some(2048), ..exact() };
+    let truth = luminance(surface_means(&bake(&scene, &atlas(8, 8), &paths))[6]);
+    let excess = |texels: u32| luminance(surface_means(&bake(&scene, &atlas(8, texels), &exact()))[6]) / truth - 1.0;
+    let [coarse, fine] = [8, 24].map(excess);
+    println!("{coarse:+.4} at 8 texels, {fine:+.4} at 24");
+    assert!(coarse > 0.012 && fine < 0.6 * coarse && fine.abs() < 0.025, "{coarse} {fine}");
+}
+
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
-    let scene = tinted_room();
+    let scene = tinted_room(0.0);
     let atlas = atlas(8, 12);
     let of = |threads: usize, method: Method| -> Vec<[u32; 3]> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
