@@ -119,7 +119,7 @@ fn a_sharp_shadow_gets_more_texels_and_the_error_falls() {
     assert!(gain(0) > 1.2, "the floor has the shadow: {}", gain(0));
     assert!((1..6).all(|s| gain(s) < 1.0), "walls pay for it: {:?}", (1..6).map(gain).collect::<Vec<_>>());
     let found = densities(&scene, &varied);
-    assert!(found.charts == 7 && found.least < found.median && found.most > 1.2 * 20.0, "{found:?}");
+    assert!(found.charts == 7 && found.least <= found.median && found.most > 1.2 * 20.0, "{found:?}");
     let [before, after] = [&even, &varied].map(|atlas| missed(&scene, atlas, &settings));
     assert!(after < 0.9 * before, "{after} after {before}");
 }
