@@ -67,9 +67,10 @@ pub fn details(scene: &Scene, atlas: &Atlas, lit: &Illuminated) -> Details {
                 let a = f64::from(lit.exposure.area[i]);
                 need.area += a;
                 need.texels += f64::from(lit.patches.coverage[i]);
-                for level in 0..2 {
-                    let square = |v: f32| (f64::from(v).powi(2)).min(worst[level]);
-                    need.missed[level] += a * (square(missed.light[level]) - square(missed.noise[level]));
+                let levels = missed.light.iter().zip(&missed.noise).zip(&worst);
+                for (sum, ((light, noise), worst)) in need.missed.iter_mut().zip(levels) {
+                    let square = |v: f32| f64::from(v).powi(2).min(*worst);
+                    *sum += a * (square(*light) - square(*noise));
                 }
                 light += a * f64::from(luminance(lit.gathered.irradiance[i]));
                 area += a;
