@@ -324,7 +324,7 @@ mod tests {
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather auto --directional sh --probes 2 --layers direct,ao --watch w \
                     --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
                     --strict --max-texture 9 --max-texels 9 --max-memory 4G --for bevy --encoding exr,ktx2-half \
-                    --gltf-lightmap-ext moz";
+                    --gltf-lightmap-ext moz --adaptive-density --denoise oidn --oidn-library f --seams surface --gutter padding";
         let mut keys: Vec<String> = typed(line).keys().cloned().collect();
         keys.extend(
             typed(
