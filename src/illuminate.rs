@@ -91,7 +91,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
 
     let noisy = if groups.is_empty() { Vec::new() } else { gathered.irradiance.clone() };
     let denoised = denoise(&lit, &mut gathered, &settings.denoise_params(), progress)?;
-    groups.iter_mut().for_each(|group| group.follow(&noisy, &gathered.irradiance));
+    layers::follow(&mut groups, &noisy, &gathered.irradiance);
     if denoised.is_some() {
         dump.patches("denoised", &ground, |i| gathered.indirect[i])?;
     }
@@ -132,7 +132,9 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         let normals = shown_normals(&lit);
         let normal = |i: usize| normals.as_ref().map_or(patches.normal[i], |n| n[i]);
         let form = (settings.directional, settings.quantity);
-        lightmap.layers.extend(directional(&to, &gathered.irradiance, &moments, &normal, form));
+        // About what pages show, seams closed: a flat normal map is to change nothing.
+        let seen = lightmap.irradiance(&patches);
+        lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
     let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
     let energy = balance(&bake, &lightmap, !settings.float);

@@ -47,6 +47,13 @@ impl<'a> Finish<'a> {
     }
 }
 
+impl Finish<'_> {
+    /// The same with seams left as they are: for what is no light, and may well jump from chart to chart.
+    pub fn without_seams(&self) -> Self {
+        Self { lit: self.lit, seams: Seams::default(), gutter: self.gutter }
+    }
+}
+
 /// Makes finished pages: patch irradiance [lx] as `quantity`, buried texels filled from their own chart, seams closed, gutters
 /// filled. With them, how far light jumps across seams before and after.
 pub fn finish(to: &Finish, irradiance: &[Rgb], quantity: Quantity) -> (Lightmap, SeamReport) {

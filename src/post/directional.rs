@@ -6,7 +6,9 @@
 //! **`sh`**: spherical harmonics of the incident radiance to order 1, convolved with the clamped cosine (Ramamoorthi, Hanrahan 2001,
 //! "An Efficient Representation for Irradiance Environment Maps") and with the basis' constants folded in, so that by channel
 //!
-//!     value(n) = sh0 + sh1x n.x + sh1y n.y + sh1z n.z
+//! ```text
+//! value(n) = sh0 + sh1x n.x + sh1y n.y + sh1z n.z
+//! ```
 //!
 //! With the moments of [`crate::moments`], E(n) = scalar / 4 + vector . n / 2. Both are scaled by one factor, by channel, so that
 //! value(n0) is the page's value exactly: a flat normal map changes nothing. `sh0` is at least 0 and `|sh1| <= 2 sh0`; where light
@@ -26,7 +28,9 @@
 //! light agrees on it, 1 for a single direction, 1/2 for uniform light over the hemisphere. The same linear form with one direction
 //! for all channels:
 //!
-//!     value(n) = page max(0, 1 + 2 dominant . n) / (1 + 2 dominant . n0)
+//! ```text
+//! value(n) = page max(0, 1 + 2 dominant . n) / (1 + 2 dominant . n0)
+//! ```
 //!
 //! again exact about n0; the denominator is at least 1/2.
 

@@ -26,11 +26,13 @@ pub struct Group {
     pub irradiance: Vec<Rgb>,
 }
 
-impl Group {
-    /// Follows the whole, of which it is a part, from the irradiance `from` to `to`, texel by texel and channel by channel.
-    pub fn follow(&mut self, from: &[Rgb], to: &[Rgb]) {
-        for ((own, from), to) in self.irradiance.iter_mut().zip(from).zip(to) {
-            *own *= Rgb::select(from.cmpgt(Rgb::ZERO), *to / *from, Rgb::ONE);
+/// Lets `groups`, the parts of the irradiance `from`, add up to `to`, texel by texel and channel by channel: each by the share that it had
+/// there, or an even one where nothing had any.
+pub fn follow(groups: &mut [Group], from: &[Rgb], to: &[Rgb]) {
+    let even = Rgb::splat(1.0 / groups.len().max(1) as f32);
+    for group in groups {
+        for ((own, from), to) in group.irradiance.iter_mut().zip(from).zip(to) {
+            *own = *to * Rgb::select(from.cmpgt(Rgb::ZERO), *own / *from, even);
         }
     }
 }
@@ -102,8 +104,11 @@ impl Sources<'_> {
             LayerKind::Direct => all.push(layer("direct", &straight)),
             LayerKind::Indirect => all.push(layer("indirect", &reflected)),
             LayerKind::Error => all.push(layer("error", &|i| gathered.standard_error[i])),
-            LayerKind::Emission => all.push(emission(to, "emission", quantity)),
+            LayerKind::Emission => all.push(emission(&to.without_seams(), "emission", quantity)),
             LayerKind::Bounces => {
+                // Pages of radiosity have it in them, and go through their seams with it.
+                let apart = to.without_seams();
+                let to = if quantity == Quantity::Radiosity { to } else { &apart };
                 all.push(emission(to, "emitted", quantity));
                 all.push(layer("bounce0", &straight));
                 // What is reflected once is read at the texels themselves.

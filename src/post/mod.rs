@@ -9,6 +9,7 @@ pub mod seam;
 pub mod vertex;
 
 use crate::color::Rgb;
+use crate::patch::Patches;
 
 /// Finished pages.
 #[derive(Clone, Debug)]
@@ -42,6 +43,18 @@ impl Directional {
                  right-handed, Y up",
             ),
         }
+    }
+}
+
+impl Lightmap {
+    /// The irradiance that the texels of `patches` show [lx]; not of pages that hold radiosity.
+    pub fn irradiance(&self, patches: &Patches) -> Vec<Rgb> {
+        let factor = if self.quantity == Quantity::Outgoing { std::f32::consts::PI } else { 1.0 };
+        let of_patch = |i: usize| {
+            let [page, texel] = patches.texel(i);
+            self.pages.get(page as usize).map_or(Rgb::ZERO, |page| page.rgb[texel as usize] * factor)
+        };
+        (0..patches.len()).map(of_patch).collect()
     }
 }
 

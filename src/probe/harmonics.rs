@@ -3,9 +3,11 @@
 //! Real harmonics in the world's axes with Z as the pole, as Ramamoorthi and Hanrahan 2001 ("An Efficient Representation for
 //! Irradiance Environment Maps", equation 3) have them, in the order (0, 0), (1, -1), (1, 0), (1, 1), (2, -2), ... (2, 2):
 //!
-//!     0.282095
-//!     0.488603 (y, z, x)
-//!     1.092548 (x y, y z), 0.315392 (3 z^2 - 1), 1.092548 x z, 0.546274 (x^2 - y^2)
+//! ```text
+//! 0.282095
+//! 0.488603 (y, z, x)
+//! 1.092548 (x y, y z), 0.315392 (3 z^2 - 1), 1.092548 x z, 0.546274 (x^2 - y^2)
+//! ```
 //!
 //! `L_lm = integral of L Y_lm dw` [nit]; `E(n) = sum of A_l L_lm Y_lm(n)` with A = pi, 2 pi / 3, pi / 4 (equation 8). Of light from all
 //! around E is off by 1 % or so; of a single direction by up to 6 % of its own illuminance.
