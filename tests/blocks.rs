@@ -159,8 +159,8 @@ fn the_far_side_of_a_thin_wall_is_lit_by_its_own_side_alone() {
     let floor = Quad::new([-2., 0., -2.], [0., 0., 4.], [4., 0., 0.]).albedo(0.0);
     let light = LightShape::Point { position: Vec3::new(0., 0.5, 0.), intensity: Rgb::ONE, range: None };
     let known = Known::new(Case::of_quads("shelf from below", &[shelf, floor], 24).light(light));
-    // Backs are sources, coarser than what is shown: 6.5 % here, where they are all there is to see.
-    assert_none(wrong_beyond(known.case.name, known.off(&known.case.blocks(2.0, 0)), 3.3).into_iter());
+    // Backs are sources, coarser than what is shown: 11 % here, where they are all there is to see, most of it next to the shelf.
+    assert_none(wrong_beyond(known.case.name, known.off(&known.case.blocks(2.0, 0)), 4.6).into_iter());
 }
 
 #[test]

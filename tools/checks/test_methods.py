@@ -78,7 +78,8 @@ def test_layers_add_up_in_the_file(bake):
 def test_watching_shows_the_light_come_up(bake, tmp_path):
     watched = tmp_path / "watch"
     done = bake(
-        SAMPLES / "cornell_box/cornell_box.glb", "--quality", "draft", "--resolution", "64", "--solver", "jacobi", "--gather", "none", "--float", "--watch", watched, "--watch-every", "2"
+        SAMPLES / "cornell_box/cornell_box.glb", "--quality", "draft", "--resolution", "64", "--solver", "jacobi", "--gather", "none", "--float", "--watch", watched, "--watch-every", "2",
+        "--gutter", "padding",  # as what is watched has it
     )
     sweeps = done.report["solver"]["iterations"]
     names = sorted(p.name for p in watched.iterdir())
