@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Cosine of the largest angle between shown normals of what looks like one smooth surface: 10 degrees.
-const SMOOTH_COS: f32 = 0.984_807_75;
+const SMOOTH_COS: f32 = 0.984_807_7;
 
 /// Faces that meet at a seam go on on its other side: cosine between the directions into them, at most.
 const OPPOSITE: f32 = -0.2;
