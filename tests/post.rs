@@ -15,13 +15,13 @@ use lumel::post::gutter::Gutter;
 use lumel::post::seam::{SeamMode, bilinear};
 use lumel::post::{PageImage, Quantity};
 use lumel::progress::Silent;
-use lumel::scene::Scene;
+use lumel::scene::{LightShape, Scene};
 use lumel::settings::{Gather, Settings};
 use lumel::trace::{Tracer, Triangles};
 use lumel::unwrap::Atlas;
 use std::path::Path;
 use support::measure::{Case, room_with_a_block, sunroom};
-use support::{Quad, atlas, draft, scene};
+use support::{Quad, atlas, draft, room, scene};
 
 /// Calls `look` with all that light on the texels of `scene` depends on.
 fn with_lit<T>(scene: &Scene, atlas: &Atlas, look: impl FnOnce(&Lit) -> T) -> T {
@@ -258,6 +258,25 @@ fn hard_edges_other_surfaces_and_walls_stay() {
     let wall = Quad::new([0., 0., 0.], [0., 0., 1.], [0., 1., 0.]).double_sided();
     let (pages, ..) = finished(&[hinge(0.0), vec![wall]].concat(), SeamMode::All, differ);
     assert!(is_whole(&pages[0]));
+}
+
+#[test]
+fn charts_that_nobody_looks_at_get_no_light_of_others() {
+    // The underside of a box that all but touches the floor of a bright room.
+    let mut quads: Vec<Quad> = room([2., 2., 2.]);
+    quads.push(Quad::new([0.7, 0.002, 0.7], [0.6, 0., 0.], [0., 0., 0.6]));
+    quads.push(Quad::new([0.7, 0.6, 0.7], [0., 0., 0.6], [0.6, 0., 0.]));
+    let lamp = LightShape::Point { position: Vec3::new(1., 1.7, 0.4), intensity: Rgb::splat(10.0), range: None };
+    let baked = Case::of_quads("underside", &quads, 8).light(lamp).bake(&draft());
+    let patches = &baked.patches;
+    let of_surface = |surface: u32| (0..patches.len()).filter(move |&i| patches.surface(i) == surface);
+    let shown = |i: usize| {
+        let [page, texel] = baked.patches.texel(i);
+        baked.lightmap.pages[page as usize].rgb[texel as usize]
+    };
+    assert!(of_surface(6).count() > 0 && of_surface(6).all(|i| baked.exposure.is_buried(i)));
+    assert!(of_surface(6).all(|i| shown(i) == Rgb::ZERO));
+    assert!(of_surface(7).all(|i| shown(i).x > 0.1));
 }
 
 #[test]

@@ -77,6 +77,7 @@ fn fill_measured(to: &Finish, value: impl Fn(usize) -> Rgb) -> (Vec<PageImage>, 
     for canvas in &mut canvases {
         let buried = canvas.spread(usize::MAX, true);
         canvas.smooth(&buried);
+        canvas.close_charts();
         // What bilinear look-ups at a chart's border read.
         canvas.spread(1, false);
     }
@@ -199,6 +200,11 @@ impl Canvas {
     /// Luminance as engines read it at `at` [texels].
     fn read(&self, at: Vec2) -> f32 {
         taps(self.size, at).iter().map(|&(t, weight)| luminance(self.rgb[t]) * weight).sum()
+    }
+
+    /// Takes what nothing of its own chart could fill for black, as in a crevice: no light of other charts is to come there.
+    fn close_charts(&mut self) {
+        self.filled.par_iter_mut().zip(&self.chart).for_each(|(filled, chart)| *filled |= *chart != NONE);
     }
 
     fn is_signed(&self) -> bool {
