@@ -226,6 +226,10 @@ impl Ground<'_> {
 /// Difference from the triangle's own normal below which a shading normal is the same, in each component.
 const FLAT: f32 = 1e-6;
 
+/// How far a surface rises over a triangle at most, of an edge's length times the difference of the normals at its ends: a third over
+/// the middle of a ball's facet.
+const MOST_RISE: f32 = 0.5;
+
 impl Facet {
     /// Triangle `triangle` of `surface`.
     pub fn new(scene: &Scene, surface: usize, triangle: usize) -> Self {
@@ -259,7 +263,8 @@ impl Facet {
         }
     }
 
-    /// The mean of a point's projections into the tangent planes of the corners that it lies below.
+    /// The mean of a point's projections into the tangent planes of the corners that it lies below, no further than those normals
+    /// diverge: where all of them lean the same way, the triangle is meant to be flat.
     fn rounded(&self, position: Vec3, at: Vec2) -> Vec3 {
         let Some(normals) = self.shading else { return position };
         let corners = [self.origin, self.origin + self.edges[0], self.origin + self.edges[1]];
@@ -268,7 +273,9 @@ impl Facet {
             let depth = (corners[k] - position).dot(normals[k]);
             if normals[k].dot(self.normal) > 0.0 { normals[k] * (depth.max(0.0) * weights[k]) } else { Vec3::ZERO }
         };
-        position + rise(0) + rise(1) + rise(2)
+        let bend = |i: usize, j: usize| corners[i].distance(corners[j]) * normals[i].distance(normals[j]);
+        let most = MOST_RISE * bend(0, 1).max(bend(1, 2)).max(bend(2, 0));
+        position + (rise(0) + rise(1) + rise(2)).clamp_length_max(most)
     }
 
     /// True where it is shown rounder than it is.

@@ -1,6 +1,7 @@
 //! A close look at the patches of one block: which cells of their footprints lie in the open.
 //!
-//! From each cell rays leave along cosine-distributed directions. A cell lies inside of something where all of them start inside.
+//! From each cell rays leave along cosine-distributed directions. A cell lies inside of something where all of them start inside,
+//! unless those are backs that can be lit and nothing stands between it and a cell in the open: a sheet above is a roof.
 //! What a cell keeps is then cut to size where something begins or ends within the patch:
 //!
 //! - **Covered** is what something lies right above, nearer than a small part of the texel: a carpet, a box that all but touches the
@@ -110,6 +111,13 @@ fn covers(ground: &Ground, normal: Vec3, hit: &Hit) -> bool {
     along > OPPOSITE && !ground.scene.material(surface, triangle).is_emissive()
 }
 
+/// A sight line from a cell to another one, and its length [m].
+struct Line {
+    cell: u32,
+    ray: Ray,
+    length: f32,
+}
+
 /// A patch that is probed.
 struct Probed {
     footprint: Footprint,
@@ -170,10 +178,11 @@ impl Probed {
     }
 
     /// What is left after all rays.
-    fn opening(&self, ground: &Ground, traced: &mut u64) -> Opening {
+    fn opening(&mut self, ground: &Ground, traced: &mut u64) -> Opening {
         if self.open == 0 {
             return Opening::of(self.lit);
         }
+        self.open |= self.below_roofs(ground, traced);
         if self.open == u16::MAX && !self.has_crevice && !self.sees_wall {
             return Opening::ALL;
         }
@@ -187,6 +196,18 @@ impl Probed {
             open = Opening { cells: CellMask(mask), share: open.share * left, ..open };
         }
         open
+    }
+
+    /// Cells that see nothing but backs that can be lit, though nothing stands between them and open ones: they lie below a sheet, not
+    /// inside of something.
+    fn below_roofs(&self, ground: &Ground, traced: &mut u64) -> u16 {
+        let of = |mask: u16| (0..16u32).filter(move |cell| mask & (1 << cell) != 0);
+        let (doubted, open): (Vec<u32>, Vec<u32>) = (of(self.lit & !self.open).collect(), of(self.open).collect());
+        let lines = self.lines(ground, &doubted, &open);
+        let rays: Vec<Ray> = lines.iter().map(|line| line.ray).collect();
+        let hits = nearest_of(ground, &rays, traced);
+        let free = lines.iter().zip(hits).filter(|(line, hit)| hit.is_none_or(|hit| hit.t >= line.length));
+        free.fold(0, |mask, (line, _)| mask | 1 << line.cell)
     }
 
     /// Leaves out of the open cells those that are covered, and partly covered ones where others are whole.
@@ -259,26 +280,32 @@ impl Probed {
 
     /// Those of `cells` from which a black back stands before one of `others`, as a mask.
     fn behind(&self, ground: &Ground, cells: &[u32], others: &[u32], traced: &mut u64) -> u16 {
+        let lines = self.lines(ground, cells, others);
+        let rays: Vec<Ray> = lines.iter().map(|line| line.ray).collect();
+        let hits = nearest_of(ground, &rays, traced);
+        let is_behind = |hit: Option<Hit>, length: f32| hit.is_some_and(|h| h.t < length && is_black_back(ground, &h));
+        let behind = lines.iter().zip(hits).filter(|(line, hit)| is_behind(*hit, line.length));
+        behind.fold(0, |mask, (line, _)| mask | 1 << line.cell)
+    }
+
+    /// Sight lines from each of `cells` to each of `others` that faces the same way, above crevices.
+    fn lines(&self, ground: &Ground, cells: &[u32], others: &[u32]) -> Vec<Line> {
         let lifted = |cell: &u32| {
             let point = self.footprint.sample(self.at(*cell, [0.5; 2]));
             (point.position + point.normal * (LIFT * self.side), point.normal)
         };
         let others: Vec<(Vec3, Vec3)> = others.iter().map(lifted).collect();
-        let (mut rays, mut lines) = (Vec::new(), Vec::new());
-        for cell in cells {
-            let (origin, normal) = lifted(cell);
+        let mut lines = Vec::new();
+        for &cell in cells {
+            let (origin, normal) = lifted(&cell);
             for (to, _) in others.iter().filter(|(_, other)| other.dot(normal) > ALIKE) {
                 let length = to.distance(origin);
                 if length > ground.tracer.offset() {
-                    rays.push(Ray { origin, direction: (*to - origin) / length });
-                    lines.push((*cell, length));
+                    lines.push(Line { cell, ray: Ray { origin, direction: (*to - origin) / length }, length });
                 }
             }
         }
-        let hits = nearest_of(ground, &rays, traced);
-        let is_behind = |hit: Option<Hit>, length: f32| hit.is_some_and(|h| h.t < length && is_black_back(ground, &h));
-        let behind = lines.into_iter().zip(hits).filter(|((_, length), hit)| is_behind(*hit, *length));
-        behind.fold(0, |mask, ((cell, _), _)| mask | 1 << cell)
+        lines
     }
 }
 
@@ -324,7 +351,7 @@ pub(super) fn probe(ground: &Ground, block: Range<usize>, seed: u32, traced: &mu
             }
         }
     }
-    patches.iter().map(|patch| patch.opening(ground, traced)).collect()
+    patches.iter_mut().map(|patch| patch.opening(ground, traced)).collect()
 }
 
 fn nearest(ground: &Ground, ray: &Ray, traced: &mut u64) -> Option<Hit> {
