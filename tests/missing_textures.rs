@@ -59,8 +59,11 @@ fn gltf_materials_keep_their_factors() {
     }
 }
 
-/// A square for each material; a material's inputs, and its texture nodes as pairs of name and body.
-fn load_usd(name: &str, materials: &[(&str, &str, &[(&str, &str)])]) -> Loaded {
+/// A material's name, its inputs, and its texture nodes as pairs of name and body.
+type Look<'a> = (&'a str, &'a str, &'a [(&'a str, &'a str)]);
+
+/// A square for each material.
+fn load_usd(name: &str, materials: &[Look]) -> Loaded {
     let folder = Folder::new(name);
     folder.write("broken.png", b"\x89PNG\r\n\x1a\nno more");
     let mut body = String::new();
