@@ -61,7 +61,7 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
         let file = match profile {
             GltfProfile::Engine => format!("{}.glb", stem(scene)),
             // Without light there are no colours to write.
-            GltfProfile::Vertex if baked.corners.is_none() => continue,
+            GltfProfile::Vertex if baked.vertices.is_none() => continue,
             GltfProfile::Vertex => format!("{}.vertex.glb", stem(scene)),
         };
         glbs.push((*profile, staging.path(file)?));

@@ -9,8 +9,9 @@ use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
+use crate::meshing::corner::corner_light;
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
-use crate::post::{LayerKind, vertex::corner_colors};
+use crate::post::LayerKind;
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scene::Scene;
@@ -284,7 +285,7 @@ fn finish(
     mut report: Report,
 ) -> Result<Report> {
     let lightmap = lit.map(|lit| &lit.lightmap);
-    let corners = lightmap.map(|lightmap| corner_colors(&loaded.scene, atlas, lightmap));
+    let vertices = lightmap.map(|lightmap| corner_light(&loaded.scene, atlas, lightmap));
     clock.begin("write", 0);
     let encoded = folder::encoded(loaded.path(), atlas, lightmap, settings);
     let page_uris = folder::page_uris(&encoded);
@@ -293,7 +294,7 @@ fn finish(
         source: &loaded.source,
         atlas,
         lightmap,
-        corners: corners.as_ref(),
+        vertices: vertices.as_ref(),
         quantity: settings.quantity,
         page_uris: &page_uris,
         encoded: &encoded,

@@ -9,7 +9,7 @@ use lumel::load::Source;
 use lumel::load::access::Access;
 use lumel::load::gltf::GltfSource;
 use lumel::load::usd::UsdSource;
-use lumel::post::vertex::CornerColors;
+use lumel::meshing::{LitMesh, VertexLight};
 use lumel::post::{Lightmap, PageImage, Quantity};
 use lumel::scene::{
     BakeMode, Environment, Light, LightShape, Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin, UvSet,
@@ -156,7 +156,7 @@ struct Bake {
     source: Source,
     atlas: Atlas,
     lightmap: Lightmap,
-    corners: CornerColors,
+    vertices: VertexLight,
     lights: BakedLights,
     encoded: Vec<Encoded>,
     extension: Option<LightmapExtension>,
@@ -172,7 +172,7 @@ impl Bake {
             source: Source::Gltf(source()),
             atlas: atlas(uvs(seam), None),
             lightmap: lightmap(Quantity::Outgoing),
-            corners: CornerColors { surfaces: vec![even, uneven] },
+            vertices: VertexLight { surfaces: [even, uneven].map(LitMesh::given).into() },
             lights: BakedLights::Mark,
             encoded: Vec::new(),
             extension: None,
@@ -202,7 +202,7 @@ impl Bake {
             atlas: &self.atlas,
             lightmap: Some(&self.lightmap),
             quantity: self.lightmap.quantity,
-            corners: Some(&self.corners),
+            vertices: Some(&self.vertices),
             page_uris: &["lightmaps/square_0.exr".to_string()],
             encoded: &self.encoded,
             lightmap_extension: self.extension,
@@ -423,7 +423,7 @@ fn vertex_colors_are_the_light_over_one_scale() {
 fn other_quantities_show_the_same_light() {
     let mut bake = Bake::new(false);
     bake.lightmap.quantity = Quantity::Irradiance;
-    for value in bake.corners.surfaces.iter_mut().flatten().flatten() {
+    for value in bake.vertices.surfaces.iter_mut().flat_map(|s| &mut s.triangles).flat_map(|t| &mut t.values) {
         *value *= std::f32::consts::PI;
     }
     let glb = bake.write(GltfProfile::Vertex);
@@ -437,7 +437,7 @@ fn a_shining_surface_shows_all_that_leaves_it() {
     let mut bake = Bake::new(false);
     let emission = Rgb::new(1.0, 0.5, 0.0);
     bake.scene = scene(Material { albedo: Rgb::splat(0.5), emission, ..Material::default() });
-    bake.corners.surfaces[1] = vec![[Rgb::splat(2.0); 3]; 2];
+    bake.vertices.surfaces[1] = LitMesh::given([[Rgb::splat(2.0); 3]; 2]);
     let glb = bake.write(GltfProfile::Vertex);
     let mesh = glb.json["nodes"][0]["mesh"].as_u64().unwrap() as usize;
     let primitive = &glb.json["meshes"][mesh]["primitives"][0];
@@ -485,7 +485,7 @@ fn broken_documents_are_errors() {
             atlas: &bake.atlas,
             lightmap: Some(&bake.lightmap),
             quantity: bake.lightmap.quantity,
-            corners: Some(&bake.corners),
+            vertices: Some(&bake.vertices),
             page_uris: &[],
             encoded: &[],
             lightmap_extension: None,

@@ -20,7 +20,7 @@ fn gprims_get_uvs_rectangle_page_and_colours() {
     bake.surface("/World/Box", mesh, SurfaceOrigin::UsdPrim, 0, [0.125, 0.5]);
     bake.surface("/World/Lid", mesh, SurfaceOrigin::UsdPrim, 1, [0.0, 0.0]);
     // The lid's two faces disagree at the points that they share.
-    bake.corners.surfaces[1][2] = [Vec3::splat(7.0); 3];
+    bake.vertices.surfaces[1].triangles[2].values = [Vec3::splat(7.0); 3];
     let (stage, warnings) = bake.write();
     assert_eq!(warnings, [""; 0]);
     assert_eq!(fs::read_to_string(bake.input()).unwrap(), usda);
@@ -285,7 +285,7 @@ fn a_bake_of_a_bake_writes_its_own_colours_again() {
     let first = fs::read_to_string(bake.output()).unwrap().replace("@../room.usda@", "@./below.usda@");
     fs::rename(bake.input(), bake.folder.join("below.usda")).unwrap();
     fs::write(bake.input(), first).unwrap();
-    bake.corners.surfaces[0].fill([Vec3::splat(9.0); 3]);
+    bake.vertices.surfaces[0].triangles.iter_mut().for_each(|t| t.values = [Vec3::splat(9.0); 3]);
     let (stage, warnings) = bake.write();
     assert_eq!(warnings, [""; 0]);
     let colors: Vec<Vec3f> = get(&stage.prim("/World/Box").unwrap(), "primvars:displayColor").unwrap();

@@ -6,8 +6,8 @@ mod usd_layer;
 use files::shared;
 use glam::{Vec2, Vec3};
 use lumel::load::{self, LoadOptions};
+use lumel::meshing::{LitMesh, VertexLight};
 use lumel::post::Quantity;
-use lumel::post::vertex::CornerColors;
 use lumel::scene::{SurfaceOrigin, TriangleOrigin};
 use lumel::unwrap::{Atlas, MeshUvs, Placement};
 use lumel::write::{Baked, BakedLights, usd};
@@ -207,7 +207,7 @@ fn layer_over(input: &Path, folder: &Path, options: &LoadOptions) {
         atlas: &atlas,
         lightmap: None,
         quantity: Quantity::Outgoing,
-        corners: Some(&CornerColors { surfaces: colors.collect() }),
+        vertices: Some(&VertexLight { surfaces: colors.map(LitMesh::given).collect() }),
         page_uris: &["lightmaps/scene_0.exr".to_string()],
         encoded: &[],
         lightmap_extension: None,

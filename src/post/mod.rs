@@ -1,4 +1,4 @@
-//! From texel values to pages that can be shown: noise taken out, seams closed, gutters filled; vertex colours.
+//! From texel values to pages that can be shown: noise taken out, seams closed, gutters filled.
 
 pub mod denoise;
 pub mod dilate;
@@ -6,7 +6,6 @@ pub mod directional;
 pub mod gutter;
 pub mod layers;
 pub mod seam;
-pub mod vertex;
 
 use crate::color::Rgb;
 use crate::patch::Patches;

@@ -13,7 +13,8 @@ pub mod view_factors;
 pub mod watch;
 
 use crate::load::Source;
-use crate::post::{Lightmap, Quantity, vertex::CornerColors};
+use crate::meshing::VertexLight;
+use crate::post::{Lightmap, Quantity};
 use crate::scene::Scene;
 use crate::unwrap::Atlas;
 use encode::Encoded;
@@ -27,7 +28,8 @@ pub struct Baked<'a> {
     pub atlas: &'a Atlas,
     /// None where UVs alone were made.
     pub lightmap: Option<&'a Lightmap>,
-    pub corners: Option<&'a CornerColors>,
+    /// The light at vertices; none without light.
+    pub vertices: Option<&'a VertexLight>,
     /// What pages and colours hold.
     pub quantity: Quantity,
     /// The page files that GLB and layer name, relative to the output folder, with `/`: `lightmaps/<stem>_0.exr`; none without

@@ -3,8 +3,8 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use lumel::load::{Source, usd::UsdSource};
+use lumel::meshing::{LitMesh, VertexLight};
 use lumel::post::Quantity;
-use lumel::post::vertex::CornerColors;
 use lumel::scene::{Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin};
 use lumel::unwrap::{Atlas, MeshUvs, Placement};
 use lumel::write::{Baked, BakedLights, usd};
@@ -20,7 +20,7 @@ pub struct Bake {
     pub folder: PathBuf,
     pub scene: Scene,
     pub atlas: Atlas,
-    pub corners: CornerColors,
+    pub vertices: VertexLight,
     pub lights: BakedLights,
     pub quantity: Quantity,
 }
@@ -48,7 +48,7 @@ impl Bake {
                 padding: 2,
                 shown_pages: 2,
             },
-            corners: CornerColors { surfaces: Vec::new() },
+            vertices: VertexLight::default(),
             lights: BakedLights::Mark,
             quantity: Quantity::Outgoing,
         }
@@ -92,7 +92,8 @@ impl Bake {
         });
         self.atlas.placements.push(Placement { page, scale: Vec2::new(0.5, 0.25), offset: Vec2::from(offset) });
         let color = Vec3::new(self.scene.surfaces.len() as f32, 0.5, 1e-6);
-        self.corners.surfaces.push(vec![[color; 3]; self.scene.meshes[mesh].triangles.len()]);
+        let corners = vec![[color; 3]; self.scene.meshes[mesh].triangles.len()];
+        self.vertices.surfaces.push(LitMesh::given(corners));
     }
 
     pub fn instance(&mut self, root: &str, prim: &str, mesh: usize, page: u32, offset: [f32; 2]) {
@@ -123,7 +124,7 @@ impl Bake {
             atlas: &self.atlas,
             lightmap: None,
             quantity: self.quantity,
-            corners: Some(&self.corners),
+            vertices: Some(&self.vertices),
             page_uris: &page_uris,
             encoded: &[],
             lightmap_extension: None,

@@ -55,7 +55,8 @@ fn surface_light(baked: &Baked, surface: usize) -> (SurfaceLight, Vec<bool>) {
     let quantity = baked.quantity;
     let mut light = SurfaceLight { corners: Vec::new(), whole: Vec::new() };
     let mut emits = Vec::new();
-    for (t, values) in baked.corners.iter().flat_map(|c| &c.surfaces[surface]).enumerate() {
+    for piece in baked.vertices.iter().flat_map(|v| &v.surfaces[surface].triangles) {
+        let (t, values) = (piece.source as usize, piece.values);
         let material = &scene.materials[mesh.triangle_material[t] as usize];
         let at = |slot: &Option<TextureSlot>, weights: [f32; 3]| texture_value(scene, mesh, t, slot.as_ref(), weights);
         let vertex_color =

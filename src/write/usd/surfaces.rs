@@ -5,6 +5,7 @@ use super::instances::{InstanceSurfaces, Instances};
 use super::layer::{self, Attribute, Layer, array, quoted, tuple};
 use super::metadata::page_path;
 use super::{primvars, stand_in};
+use crate::color::Rgb;
 use crate::error::{Result, Warnings};
 use crate::scene::SurfaceOrigin;
 use crate::write::Baked;
@@ -115,7 +116,7 @@ impl Author<'_, '_> {
     /// A gprim without lightmap: its baked colours, where it receives.
     fn colors_alone(&mut self, path: &str, surface: usize) {
         let placed = &self.baked.scene.surfaces[surface];
-        if !placed.role.receives || self.baked.corners.is_none() {
+        if !placed.role.receives || self.baked.vertices.is_none() {
             return;
         }
         if self.input.is_remade(placed.mesh) {
@@ -286,14 +287,15 @@ impl Author<'_, '_> {
     fn colors(&mut self, path: &str, surface: usize) -> Vec<Attribute> {
         let index = self.baked.scene.surfaces[surface].mesh;
         let mesh = &self.baked.scene.meshes[index];
-        let Some(colors) = self.baked.corners.and_then(|c| c.surfaces.get(surface)) else { return Vec::new() };
+        let Some(lit) = self.baked.vertices.and_then(|c| c.surfaces.get(surface)) else { return Vec::new() };
+        let colors: Vec<[Rgb; 3]> = lit.triangles.iter().map(|t| t.values).collect();
         let Some(prim) = self.input.prim(path) else { return Vec::new() };
         let Some(topology) = self.input.topology(&prim, index, mesh) else { return Vec::new() };
         let mut attributes = Vec::new();
         let mut add = |name: &str, baked: bool| {
             let indices = prim.attribute(format!("primvars:{name}:indices"));
             let was_indexed = indices.has_authored_value().unwrap_or(false);
-            let mut new = primvars::colors(name, colors, &topology, was_indexed).unwrap_or_default();
+            let mut new = primvars::colors(name, &colors, &topology, was_indexed).unwrap_or_default();
             if let Some(first) = new.first_mut() {
                 first.baked = baked;
             }

@@ -3,20 +3,13 @@
 //! A corner's value is read from its page, then averaged over the corners at the same place of the surface that face the
 //! same way: smooth surfaces show no cracks of colour at chart seams, and hard edges keep the light of each side.
 
-use super::{Lightmap, PageImage, Quantity};
+use super::{LitMesh, VertexLight};
 use crate::color::Rgb;
+use crate::post::{Lightmap, PageImage, Quantity};
 use crate::scene::{Mesh, Scene};
 use crate::unwrap::Atlas;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
-
-/// Values at every triangle corner, averaged over the corners that a smooth surface shares.
-#[derive(Clone, Debug)]
-pub struct CornerColors {
-    /// By surface, by triangle of its mesh: the lightmap's quantity at its three corners (order of `Mesh::triangles`).
-    /// Empty for surfaces that don't receive.
-    pub surfaces: Vec<Vec<[Rgb; 3]>>,
-}
 
 /// Cosine of the largest angle between the flat faces of what still counts as one smooth surface: 30 degrees, as modelling
 /// tools' smoothing has it by default.
@@ -27,10 +20,10 @@ const SMOOTH_COS: f32 = 0.999_847_7;
 const SEARCH: i64 = 4;
 
 /// The lightmap's values at all triangle corners of all surfaces.
-pub fn corner_colors(scene: &Scene, atlas: &Atlas, lightmap: &Lightmap) -> CornerColors {
+pub fn corner_light(scene: &Scene, atlas: &Atlas, lightmap: &Lightmap) -> VertexLight {
     let surface_colors = |surface: usize| {
         if !scene.surfaces[surface].role.receives {
-            return Vec::new();
+            return LitMesh::default();
         }
         let mesh_index = scene.surfaces[surface].mesh;
         let mesh = &scene.meshes[mesh_index];
@@ -40,9 +33,9 @@ pub fn corner_colors(scene: &Scene, atlas: &Atlas, lightmap: &Lightmap) -> Corne
             .collect();
         // What leaves a surface changes with its material; what arrives doesn't.
         average(mesh, lightmap.quantity == Quantity::Radiosity, &mut colors);
-        colors
+        LitMesh::given(colors)
     };
-    CornerColors { surfaces: (0..scene.surfaces.len()).into_par_iter().map(surface_colors).collect() }
+    VertexLight { surfaces: (0..scene.surfaces.len()).into_par_iter().map(surface_colors).collect() }
 }
 
 /// Bilinear over the covered ones of the four texels around `at` [texels]; else the nearest covered texel within
@@ -133,7 +126,7 @@ mod tests {
 
     /// Two unit squares that meet at the y axis with an angle of `degrees` between their normals, each on its half of a
     /// 16 x 8 page with two empty columns between: left 1, right 3.
-    fn hinge(degrees: f32, smooth: bool) -> CornerColors {
+    fn hinge(degrees: f32, smooth: bool) -> Vec<[Rgb; 3]> {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let quads = [
             [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0]],
@@ -183,21 +176,22 @@ mod tests {
             rgb: (0..128).map(|i| Rgb::splat(column(i % 16))).collect(),
             coverage: (0..128).map(|i| if (7..9).contains(&(i % 16)) { 0.0 } else { 1.0 }).collect(),
         };
-        corner_colors(&scene, &atlas, &Lightmap { pages: vec![page], quantity: Quantity::Outgoing, layers: Vec::new() })
+        let lightmap = Lightmap { pages: vec![page], quantity: Quantity::Outgoing, layers: Vec::new() };
+        corner_light(&scene, &atlas, &lightmap).surfaces[0].triangles.iter().map(|t| t.values).collect()
     }
 
     #[test]
     fn a_bend_is_smooth_and_an_edge_is_hard() {
-        let bend = hinge(20.0, false).surfaces.remove(0);
+        let bend = hinge(20.0, false);
         assert_eq!(bend[0], [Rgb::ONE, Rgb::splat(2.0), Rgb::splat(2.0)]);
         assert_eq!(bend[3], [Rgb::splat(2.0), Rgb::splat(3.0), Rgb::splat(2.0)]);
-        let edge = hinge(90.0, false).surfaces.remove(0);
+        let edge = hinge(90.0, false);
         assert_eq!(edge, [[Rgb::ONE; 3], [Rgb::ONE; 3], [Rgb::splat(3.0); 3], [Rgb::splat(3.0); 3]]);
     }
 
     #[test]
     fn authored_normals_decide() {
-        assert_eq!(hinge(90.0, true).surfaces[0][0][1], Rgb::splat(2.0));
+        assert_eq!(hinge(90.0, true)[0][1], Rgb::splat(2.0));
     }
 
     #[test]
