@@ -200,7 +200,7 @@ fn layer_over(input: &Path, folder: &Path, options: &LoadOptions) {
         shown_pages: 1,
     };
     let color = |o: &TriangleOrigin| o.corners.map(|c| Vec3::splat((c % 7) as f32));
-    let colors = scene.surfaces.iter().map(|s| scene.meshes[s.mesh].origin.iter().map(color).collect());
+    let colors = scene.surfaces.iter().map(|s| scene.meshes[s.mesh].origin.iter().map(color));
     let baked = Baked {
         scene,
         source: &loaded.source,
