@@ -91,6 +91,8 @@ pub struct BakeArgs {
     #[command(flatten)]
     pub results: ResultArgs,
     #[command(flatten)]
+    pub vertices: VertexArgs,
+    #[command(flatten)]
     pub running: RunningArgs,
 }
 
@@ -289,6 +291,24 @@ pub struct AdaptiveArgs {
     /// error is least, less: part of the way [0..1; default: 0, with the flag alone 1]
     #[arg(long, value_name = "STRENGTH", num_args = 0..=1, require_equals = true, default_missing_value = "1")]
     pub adaptive_density: Option<f32>,
+}
+
+/// Baked vertex colours.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Vertex colours")]
+#[serde(rename_all = "kebab-case")]
+pub struct VertexArgs {
+    /// How meshes follow the light; adaptive: triangles are cut where values between vertices miss it; discontinuity: along the edges
+    /// of shadows and contacts first [default: given]
+    #[arg(long, value_name = "HOW", value_parser = PossibleValuesParser::new(["given", "adaptive", "discontinuity"]))]
+    pub mesh: Option<String>,
+    /// How far values between vertices may miss the light of the lightmap, relative to it, or to 5 % of its mean where that is more
+    /// [0.1%..100%; default: 5%]
+    #[arg(long, value_name = "PERCENT")]
+    pub vertex_error: Option<String>,
+    /// Triangles with baked vertex colours, at most [default: as many as the error takes]
+    #[arg(long, value_name = "N")]
+    pub max_triangles: Option<u64>,
 }
 
 /// Lightmap UVs.

@@ -79,6 +79,7 @@ impl Typed for BakeArgs {
             table(&self.solver)?,
             table(&self.effort)?,
             table(&self.results)?,
+            table(&self.vertices)?,
             table(&self.running)?,
         ];
         Ok(groups.into_iter().flatten().collect())
@@ -329,7 +330,7 @@ mod tests {
         keys.extend(
             typed(
                 "--density 2 --page-size 512 --pages free --environment e.hdr --method path --link-error 1e-6 --samples 64 \
-                   --error 2% --time-budget 5 --time 1.5 --animation walk",
+                   --error 2% --time-budget 5 --time 1.5 --animation walk --mesh adaptive --vertex-error 3% --max-triangles 9",
             )
             .keys()
             .cloned(),

@@ -2,6 +2,7 @@
 
 use crate::adaptive::{AdaptiveReport, adapt, densities};
 use crate::added_light;
+use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
 use crate::illuminate::{Illuminated, illuminate};
@@ -9,7 +10,7 @@ use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
-use crate::meshing::corner::corner_light;
+use crate::meshing::{self, VertexLight, VertexReport, vertex_light};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::LayerKind;
 use crate::progress::Progress;
@@ -19,7 +20,7 @@ use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
-use crate::write::{self, Baked, output::Staging, view_factors::refuse_other, watch};
+use crate::write::{self, Baked, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
 
 pub use crate::report::Report;
@@ -274,6 +275,33 @@ fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Rep
     Ok(atlas)
 }
 
+/// The light at vertices, where a file holds it.
+fn light_vertices(
+    loaded: &Loaded,
+    atlas: &Atlas,
+    lit: &Illuminated,
+    settings: &Settings,
+    clock: &Clock,
+) -> Result<Option<(VertexLight, VertexReport)>> {
+    let is_usd = matches!(loaded.source, load::Source::Usd(_));
+    if !is_usd && !settings.gltf_profiles().contains(&GltfProfile::Vertex) {
+        return Ok(None);
+    }
+    let patches = &lit.patches;
+    let is_buried = |page: usize, texel: usize| patches.at(page, texel).is_some_and(|i| lit.exposure.is_buried(i));
+    let shown = |i: &usize| !lit.exposure.is_buried(*i);
+    let (light, area) = (0..patches.len()).filter(shown).fold((0.0, 0.0), |(light, area), i| {
+        let [page, texel] = patches.texel(i).map(|n| n as usize);
+        let page = lit.lightmap.pages.get(page);
+        let value = page.map_or(0.0, |page| luminance(page.rgb[texel]));
+        let a = f64::from(patches.area[i]);
+        (light + a * f64::from(value), area + a)
+    });
+    let mean = if area > 0.0 { (light / area) as f32 } else { 0.0 };
+    let source = meshing::Source { scene: &loaded.scene, atlas, lightmap: &lit.lightmap, is_buried: &is_buried, mean };
+    vertex_light(&source, &settings.mesh_params(), clock).map(Some)
+}
+
 /// Writes everything, the report last.
 fn finish(
     loaded: &Loaded,
@@ -285,7 +313,11 @@ fn finish(
     mut report: Report,
 ) -> Result<Report> {
     let lightmap = lit.map(|lit| &lit.lightmap);
-    let vertices = lightmap.map(|lightmap| corner_light(&loaded.scene, atlas, lightmap));
+    let vertices = lit.map(|lit| light_vertices(loaded, atlas, lit, settings, clock)).transpose()?.flatten();
+    let vertices = vertices.map(|(vertices, of_vertices)| {
+        report.vertices = Some(of_vertices);
+        vertices
+    });
     clock.begin("write", 0);
     let encoded = folder::encoded(loaded.path(), atlas, lightmap, settings);
     let page_uris = folder::page_uris(&encoded);

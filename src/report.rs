@@ -3,6 +3,7 @@
 use crate::adaptive::AdaptiveReport;
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
+use crate::meshing::{MeshMode, VertexReport};
 use crate::post::{Layer, denoise::DenoiseReport, seam::SeamReport};
 use crate::probe::LightProbes;
 use crate::progress::Progress;
@@ -69,6 +70,9 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seams: Option<SeamReport>,
     pub energy: EnergyBalance,
+    /// How well the light at vertices holds that of texels; absent without light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertices: Option<VertexReport>,
     /// Absent without light probes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probes: Option<ProbeReport>,
@@ -230,6 +234,11 @@ impl Report {
                 _ => format!("noise {noise:.2} %"),
             };
             lines.push(format!("{noise}, energy balance {balance:+.3} %"));
+            if let Some(v) = self.vertices.as_ref().filter(|v| v.mode != MeshMode::Given) {
+                let (from, to, asked) = (v.given_triangles, v.triangles, v.error);
+                let within = format!("{:.1} % of the area within {asked} %, 95 % within {:.2} %", v.within, v.p95);
+                lines.push(format!("vertex colours: {from} triangles became {to}; {within}"));
+            }
             if let Some(ProbeReport { count, invalid, .. }) = &self.probes {
                 lines.push(format!("{count} light probe(s), {invalid} of them inside of something"));
             }

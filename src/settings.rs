@@ -13,6 +13,7 @@ use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
+use crate::meshing::{MeshMode, MeshParams};
 use crate::post::denoise::{Denoise, DenoiseParams, scales::Scales};
 use crate::post::layers::LayerParams;
 use crate::post::{Directional, LayerKind, Quantity, gutter::Gutter, seam::SeamMode};
@@ -145,6 +146,13 @@ pub struct Settings {
     pub gltf: Option<Vec<GltfProfile>>,
     /// Extension by which the engine GLB names its pages, besides its extras.
     pub gltf_lightmap_ext: Option<LightmapExtension>,
+    /// How meshes with vertex colours follow the light.
+    pub mesh: MeshMode,
+    /// How far values between vertices may miss the light [%]: see [`MeshParams::error`]; none: 5.
+    #[serde(deserialize_with = "percent::read", serialize_with = "percent::write")]
+    pub vertex_error: Option<f64>,
+    /// Triangles with vertex colours, at most; none: as many as the error takes.
+    pub max_triangles: Option<u64>,
     pub lights: BakedLights,
     /// What of the light of lights is baked that say nothing about it; skies and emissive materials are always baked then.
     pub bake_lights: BakeMode,
@@ -263,6 +271,9 @@ const SHADOW_PART: f32 = 2.0;
 const LEAST_ERROR: f64 = 0.05;
 const MOST_ERROR: f64 = 50.0;
 
+/// The least error of vertex colours that can be asked for [%].
+const LEAST_VERTEX_ERROR: f64 = 0.1;
+
 /// Samples of blocks where an error or a time is asked for, for each texel on average, at most.
 const MOST_SAMPLES: u32 = 4096;
 
@@ -274,6 +285,9 @@ const AO_DISTANCE: f32 = 1.0;
 
 /// Bounces that `--layers bounces` tells apart, at most; the last holds the rest.
 const MOST_BOUNCE_LAYERS: usize = 12;
+
+/// How far values between vertices may miss the light [%].
+const VERTEX_ERROR: f64 = 5.0;
 
 /// Estimated remaining change of each surface's mean radiosity, relative to it, at which the solver ends.
 pub const RESIDUAL: f64 = 1e-3;
@@ -569,6 +583,12 @@ impl Settings {
             strategy: Strategy::Combined,
             seed: self.seed,
         }
+    }
+
+    /// How light gets to vertices.
+    pub fn mesh_params(&self) -> MeshParams {
+        let error = self.vertex_error.unwrap_or(VERTEX_ERROR) / 100.0;
+        MeshParams { mode: self.mesh, error, max_triangles: self.max_triangles }
     }
 
     /// The forms that pages are written in: those asked for, or OpenEXR, and one that the extension can name.

@@ -36,9 +36,6 @@ pub struct Piece {
     pub corners: [Weights; 3],
 }
 
-/// Where an edge is cut: the part of the way from its lower point to its higher one, in 0..1, and what point that becomes.
-pub type Cuts = BTreeMap<Edge, f64>;
-
 impl FineMesh {
     /// The mesh of surface `surface` as it is.
     pub fn new(scene: &Scene, surface: usize) -> Self {
@@ -60,5 +57,86 @@ impl FineMesh {
             |(source, t): (u32, &[u32; 3])| Piece { source, points: t.map(&mut point), corners: Weights::CORNERS };
         let pieces = (0..).zip(&mesh.triangles).map(whole).collect();
         Self { own: points.len(), points, pieces, breaks: BTreeSet::new() }
+    }
+
+    /// Cuts edges in two, each at its middle, and all pieces that have one of them. Returns, for each piece there is now, the number of
+    /// the piece that it was or is a part of; the order of triangles stays.
+    pub fn bisect(&mut self, edges: &BTreeSet<Edge>) -> Vec<u32> {
+        let mut middle: HashMap<Edge, u32> = HashMap::with_capacity(edges.len());
+        for &[a, b] in edges {
+            middle.insert([a, b], self.points.len() as u32);
+            self.points.push((self.points[a as usize] + self.points[b as usize]) * 0.5);
+            if self.breaks.remove(&[a, b]) {
+                let new = self.points.len() as u32 - 1;
+                self.breaks.extend([edge(a, new), edge(b, new)]);
+            }
+        }
+        let mut pieces = Vec::with_capacity(self.pieces.len() + 2 * edges.len());
+        let mut parents = Vec::with_capacity(pieces.capacity());
+        for (number, piece) in self.pieces.iter().enumerate() {
+            let before = pieces.len();
+            self.part(piece, &middle, &mut pieces);
+            parents.resize(parents.len() + pieces.len() - before, number as u32);
+        }
+        self.pieces = pieces;
+        parents
+    }
+
+    /// Adds the parts of `piece`, of which the edges that have a middle are cut.
+    fn part(&self, piece: &Piece, middle: &HashMap<Edge, u32>, parts: &mut Vec<Piece>) {
+        let cut = |k: usize| middle.get(&edge(piece.points[k], piece.points[(k + 1) % 3])).copied();
+        let cuts = [cut(0), cut(1), cut(2)];
+        let corner = |k: usize| (piece.points[k % 3], piece.corners[k % 3]);
+        // The middle of the edge from corner k to the next, weighed from its lower point to its higher one.
+        let half = |k: usize, point: u32| {
+            let (a, b) = (corner(k), corner(k + 1));
+            let (low, high) = if a.0 < b.0 { (a.1, b.1) } else { (b.1, a.1) };
+            (point, low.lerp(high, 0.5))
+        };
+        let mut add = |corners: [(u32, Weights); 3]| {
+            parts.push(Piece { source: piece.source, points: corners.map(|c| c.0), corners: corners.map(|c| c.1) });
+        };
+        let place = |c: (u32, Weights)| self.points[c.0 as usize];
+        match cuts.iter().flatten().count() {
+            0 => parts.push(*piece),
+            1 => {
+                let k = (0..3).find(|k| cuts[*k].is_some()).unwrap_or(0);
+                let m = half(k, cuts[k].unwrap_or(0));
+                add([corner(k), m, corner(k + 2)]);
+                add([m, corner(k + 1), corner(k + 2)]);
+            }
+            2 => {
+                // The corner k lies between the two edges.
+                let k = (0..3).find(|k| cuts[(*k + 1) % 3].is_none()).unwrap_or(0);
+                let (after, before) = (half(k, cuts[k].unwrap_or(0)), half(k + 2, cuts[(k + 2) % 3].unwrap_or(0)));
+                let (next, last) = (corner(k + 1), corner(k + 2));
+                add([before, corner(k), after]);
+                if place(after).distance_squared(place(last)) <= place(before).distance_squared(place(next)) {
+                    add([after, next, last]);
+                    add([after, last, before]);
+                } else {
+                    add([after, next, before]);
+                    add([before, next, last]);
+                }
+            }
+            _ => {
+                let [a, b, c] = [0, 1, 2].map(|k| half(k, cuts[k].unwrap_or(0)));
+                add([corner(0), a, c]);
+                add([a, corner(1), b]);
+                add([c, b, corner(2)]);
+                add([a, b, c]);
+            }
+        }
+    }
+
+    /// The pieces at each edge.
+    pub fn pieces_at_edges(&self) -> BTreeMap<Edge, Vec<u32>> {
+        let mut at: BTreeMap<Edge, Vec<u32>> = BTreeMap::new();
+        for (number, piece) in (0..).zip(&self.pieces) {
+            for k in 0..3 {
+                at.entry(edge(piece.points[k], piece.points[(k + 1) % 3])).or_default().push(number);
+            }
+        }
+        at
     }
 }

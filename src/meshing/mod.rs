@@ -1,13 +1,26 @@
 //! Vertex colours that hold the light: values at the vertices of meshes, and meshes that follow the light.
 //!
+//! The light is that of the finished pages, sampled at texels ([`sample`]). Values are fitted to it by least squares ([`fit`]); where
+//! the mesh can't hold it, triangles are cut ([`refine`]).
+//!
 //! A mesh that is refined keeps its triangles: each is cut into pieces, and a new vertex is a place in a triangle of the source,
 //! so that whatever vertices hold (normals, UVs, weights of skins, morph targets) can be blended there.
 
-pub mod corner;
 pub mod fine;
+pub mod fit;
+mod page;
+pub mod refine;
+pub mod sample;
 pub mod weights;
 
 use crate::color::Rgb;
+use crate::error::Result;
+use crate::progress::Progress;
+use fine::FineMesh;
+use fit::relative_error;
+use rayon::prelude::*;
+use refine::{Work, refine};
+pub use sample::Source;
 pub use weights::Weights;
 
 /// The light at the vertices of all surfaces.
@@ -59,4 +72,151 @@ pub enum MeshMode {
     Adaptive,
     /// The same, after triangles were cut along the critical curves of shadows and contacts.
     Discontinuity,
+}
+
+/// How the light gets to vertices.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshParams {
+    pub mode: MeshMode,
+    /// The error that is asked for: relative to the luminance there, or to [`LEAST_LEVEL`] of the mean where that is more, of the
+    /// channel that is farthest off.
+    pub error: f64,
+    /// Triangles over all surfaces at most; none: as many as the error takes.
+    pub max_triangles: Option<u64>,
+}
+
+/// The part of the mean light below which errors are not held against the light itself.
+pub const LEAST_LEVEL: f32 = 0.05;
+
+/// How well the light at vertices holds the light of texels.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct VertexReport {
+    pub mode: MeshMode,
+    /// Triangles of the surfaces that receive light, as given, and as written.
+    pub given_triangles: u64,
+    pub triangles: u64,
+    /// The error that was asked for [%]: see [`MeshParams::error`].
+    pub error: f64,
+    /// The share of the surfaces' area that is within it [%], and the error within which 95 % of it are [%].
+    pub within: f64,
+    pub p95: f64,
+}
+
+/// Makes the light at vertices.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn vertex_light(
+    source: &Source,
+    params: &MeshParams,
+    progress: &dyn Progress,
+) -> Result<(VertexLight, VertexReport)> {
+    let surfaces = &source.scene.surfaces;
+    progress.begin("vertices", 0);
+    let least = LEAST_LEVEL * source.mean;
+    let receives = |s: &usize| surfaces[*s].role.receives;
+    let mut meshes = vec![LitMesh::default(); surfaces.len()];
+    let mut errors = Errors::default();
+    let mut given = 0;
+    let start = |s: usize| Work::new(source, s, FineMesh::new(source.scene, s));
+    let mut finish = |work: &Work| {
+        meshes[work.surface] = work.mesh();
+        errors.merge(&Errors::of(work, least));
+    };
+    let receiving: Vec<usize> = (0..surfaces.len()).filter(receives).collect();
+    if params.mode == MeshMode::Given {
+        // A few surfaces at a time: samples take as much memory as pages.
+        for some in receiving.chunks(64) {
+            progress.check()?;
+            let of_surface = |s: &usize| {
+                let mut work = start(*s);
+                work.fit(least);
+                (*s, work.mesh(), Errors::of(&work, least))
+            };
+            let done: Vec<_> = some.par_iter().map(of_surface).collect();
+            for (s, mesh, of_mesh) in done {
+                given += mesh.triangles.len() as u64;
+                meshes[s] = mesh;
+                errors.merge(&of_mesh);
+            }
+        }
+    } else {
+        let mut works: Vec<Work> = receiving.par_iter().map(|s| start(*s)).collect();
+        given = works.iter().map(|w| w.fine.pieces.len() as u64).sum();
+        refine(&mut works, source, params, least, progress)?;
+        works.iter().for_each(&mut finish);
+    }
+    let triangles = meshes.iter().map(|m| m.triangles.len() as u64).sum();
+    let (within, p95) = (100.0 * errors.share_below(params.error), 100.0 * errors.quantile(0.95));
+    let error = 100.0 * params.error;
+    let report = VertexReport { mode: params.mode, given_triangles: given, triangles, error, within, p95 };
+    Ok((VertexLight { surfaces: meshes }, report))
+}
+
+impl Work {
+    /// The mesh with its values.
+    fn mesh(&self) -> LitMesh {
+        let lit = |(piece, of): (&fine::Piece, &[u32; 3])| LitTriangle {
+            source: piece.source,
+            corners: piece.corners,
+            values: of.map(|g| self.values[g as usize]),
+        };
+        LitMesh { triangles: self.fine.pieces.iter().zip(&self.groups.of).map(lit).collect() }
+    }
+}
+
+/// Area by error, in bins of equal ratio.
+struct Errors {
+    area: Vec<f64>,
+}
+
+/// Bins a factor of e, and the error of the first.
+const BINS: f64 = 64.0;
+const FIRST: f64 = 1e-5;
+
+impl Default for Errors {
+    fn default() -> Self {
+        Self { area: vec![0.0; (BINS * (1e3 / FIRST).ln()) as usize] }
+    }
+}
+
+impl Errors {
+    /// The errors of a surface.
+    fn of(work: &Work, least: f32) -> Self {
+        let mut errors = Self::default();
+        for piece in 0..work.fine.pieces.len() {
+            work.each_error(piece, |s, _, difference| {
+                let error = relative_error(difference, s.level(least));
+                let bin = errors.bin(error);
+                errors.area[bin] += f64::from(s.area);
+            });
+        }
+        errors
+    }
+
+    fn bin(&self, error: f64) -> usize {
+        ((error.max(FIRST) / FIRST).ln() * BINS).min(self.area.len() as f64 - 1.0) as usize
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.area.iter_mut().zip(&other.area).for_each(|(a, b)| *a += b);
+    }
+
+    /// The share of the area whose errors are below `error`.
+    fn share_below(&self, error: f64) -> f64 {
+        let all: f64 = self.area.iter().sum();
+        let below: f64 = self.area[..self.bin(error)].iter().sum();
+        if all > 0.0 { below / all } else { 1.0 }
+    }
+
+    /// The error below which the part `part` of the area lies.
+    fn quantile(&self, part: f64) -> f64 {
+        let wanted = part * self.area.iter().sum::<f64>();
+        let mut below = 0.0;
+        let bin = self.area.iter().position(|a| {
+            below += a;
+            below >= wanted
+        });
+        bin.map_or(0.0, |bin| FIRST * ((bin as f64 + 1.0) / BINS).exp())
+    }
 }

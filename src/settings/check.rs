@@ -1,8 +1,9 @@
 //! Settings that are refused before any work begins: out of range, or of no effect beside others.
 
-use super::{Gather, LEAST_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
+use super::{Gather, LEAST_ERROR, LEAST_VERTEX_ERROR, MOST_ELEMENTS, MOST_ERROR, MOST_ITERATIONS, Method, Settings};
 use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
+use crate::meshing::MeshMode;
 use crate::post::{Directional, LayerKind, Quantity, denoise::Denoise};
 use crate::reference::BATCHES;
 use crate::scene::BakeMode;
@@ -54,6 +55,8 @@ impl Settings {
         within("iterations", self.iterations, 1, MOST_ITERATIONS)?;
         within("watch-every", self.watch_every, 1, MOST_ITERATIONS)?;
         within("error", self.error, LEAST_ERROR, MOST_ERROR)?;
+        within("vertex-error", self.vertex_error, LEAST_VERTEX_ERROR, 100.0)?;
+        within("max-triangles", self.max_triangles, 1, 1 << 32)?;
         within("time", self.time, -1e9, 1e9)?;
         within("ao-distance", self.ao_distance, 0.0, 1e6)?;
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;
@@ -86,12 +89,20 @@ impl Settings {
         let has_exr = encodings.contains(&Encoding::Exr);
         let extension = self.gltf_lightmap_ext;
         let is_double = |(k, e)| encodings[..k].contains(e);
+        let is_cut = self.mesh != MeshMode::Given;
+        let has_vertex_glb = self.gltf_profiles().contains(&GltfProfile::Vertex);
         let has_engine_glb = self.gltf_profiles().contains(&GltfProfile::Engine);
         refuse_first(&[
             (encodings.is_empty(), "encoding", "names no form; leave it out for exr"),
             (encodings.iter().enumerate().any(is_double), "encoding", "names a form twice"),
             (self.float && !has_exr, "float", "is about exr, which encoding leaves out"),
             (!self.layers.is_empty() && !has_exr, "layers", "only exr holds layers; add it to encoding"),
+            (is_cut && !has_vertex_glb, "mesh", "is about vertex colours, which gltf leaves out; add vertex to it"),
+            (
+                !is_cut && self.max_triangles.is_some(),
+                "max-triangles",
+                "is about meshes that follow the light; choose the mesh adaptive or discontinuity",
+            ),
             (
                 extension.is_some() && !has_engine_glb,
                 "gltf-lightmap-ext",

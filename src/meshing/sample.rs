@@ -1,0 +1,154 @@
+//! The light of a surface at many places of each triangle: what values at vertices are fitted to and judged by.
+
+use super::Weights;
+use super::page::sample_page;
+use crate::color::{Rgb, luminance};
+use crate::post::Lightmap;
+use crate::scene::Scene;
+use crate::unwrap::Atlas;
+use glam::{DVec2, DVec3, Vec2};
+
+/// What the light at vertices is made from.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    pub scene: &'a Scene,
+    pub atlas: &'a Atlas,
+    pub lightmap: &'a Lightmap,
+    /// True for texels (page, and texel row by row) inside of other geometry: nobody sees them, and their light is made up.
+    pub is_buried: &'a (dyn Fn(usize, usize) -> bool + Sync),
+    /// Mean luminance of the light over all surfaces.
+    pub mean: f32,
+}
+
+/// The light at a place of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// The place, as weights of the first two corners of the mesh's triangle.
+    place: [f32; 2],
+    /// The lightmap's value.
+    pub value: Rgb,
+    /// The area that it stands for [m^2].
+    pub area: f32,
+    /// Buried, or across a jump of the light within a texel: counts little, and is not judged.
+    pub is_doubtful: bool,
+}
+
+impl Sample {
+    /// The place as weights of the triangle's corners.
+    pub fn weights(&self) -> DVec3 {
+        let [a, b] = self.place.map(f64::from);
+        DVec3::new(a, b, 1.0 - a - b)
+    }
+
+    /// What an error of the value is held against: its luminance, or `least` where that is more.
+    pub fn level(&self, least: f32) -> f64 {
+        f64::from(luminance(self.value).max(least).max(f32::MIN_POSITIVE))
+    }
+}
+
+/// Places of a triangle that holds the middles of few texels: each stands for a fourth of it.
+const FEW: [[f32; 2]; 4] = [[1.0 / 3.0; 2], [2.0 / 3.0, 1.0 / 6.0], [1.0 / 6.0, 2.0 / 3.0], [1.0 / 6.0; 2]];
+
+/// Samples of all triangles of a surface, one triangle after the other.
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    pub all: Vec<Sample>,
+    /// Those of triangle t are `all[first[t]..first[t + 1]]`; 4 or more.
+    first: Vec<u32>,
+}
+
+impl Samples {
+    /// The light at the middles of the texels of each triangle of `surface`, or at four places of it by bilinear look-ups.
+    pub fn new(source: &Source, surface: usize) -> Self {
+        let scene = source.scene;
+        let placed = &scene.surfaces[surface];
+        let count = scene.meshes[placed.mesh].triangles.len();
+        let mut samples = Self { all: Vec::with_capacity(4 * count), first: Vec::with_capacity(count + 1) };
+        for t in 0..count {
+            samples.first.push(samples.all.len() as u32);
+            samples.add(source, surface, placed.mesh, t);
+        }
+        samples.first.push(samples.all.len() as u32);
+        samples
+    }
+
+    fn add(&mut self, source: &Source, surface: usize, mesh: usize, triangle: usize) {
+        let number = source.atlas.placements[surface].page as usize;
+        let page = &source.lightmap.pages[number];
+        let corners = source.atlas.page_texels(surface, mesh, triangle);
+        let [a, b, c] = source.scene.world_triangle(surface, triangle).map(|p| p.as_dvec3());
+        let area = 0.5 * (b - a).cross(c - a).length();
+        // Mirrored surfaces swap corners in the world, not in the mesh; the area is the same.
+        let start = self.all.len();
+        each_middle(corners, |x, y, weights| {
+            if x < page.width && y < page.height {
+                let texel = (y * page.width + x) as usize;
+                let place = [weights.x as f32, weights.y as f32];
+                let is_doubtful = page.coverage[texel] <= 0.0 || (source.is_buried)(number, texel);
+                self.all.push(Sample { place, value: page.rgb[texel], area: 0.0, is_doubtful });
+            }
+        });
+        if self.all.len() - start < FEW.len() {
+            self.all.truncate(start);
+            let at = |[u, v]: [f32; 2]| corners[0] * u + corners[1] * v + corners[2] * (1.0 - u - v);
+            let texel = |p: Vec2| {
+                let x = (p.x.max(0.0) as u32).min(page.width - 1);
+                let y = (p.y.max(0.0) as u32).min(page.height - 1);
+                (y * page.width + x) as usize
+            };
+            self.all.extend(FEW.map(|place| {
+                let at = at(place);
+                let is_doubtful = (source.is_buried)(number, texel(at));
+                Sample { place, value: sample_page(page, at), area: 0.0, is_doubtful }
+            }));
+        }
+        let each = (area / (self.all.len() - start) as f64) as f32;
+        self.all[start..].iter_mut().for_each(|s| s.area = each);
+    }
+
+    /// The numbers of the samples of triangle `triangle`.
+    pub fn of(&self, triangle: usize) -> std::ops::Range<u32> {
+        self.first[triangle]..self.first[triangle + 1]
+    }
+}
+
+/// Calls `found` with each texel whose middle lies in the triangle `corners` [texels], and the middle's weights.
+fn each_middle(corners: [Vec2; 3], mut found: impl FnMut(u32, u32, DVec3)) {
+    let [a, b, c] = corners.map(|p| p.as_dvec2());
+    let twice = (b - a).perp_dot(c - a);
+    if twice == 0.0 {
+        return;
+    }
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let range = |low: f64, high: f64| (low - 0.5).ceil().max(0.0) as u32..=(high - 0.5).floor().max(-1.0) as i64 as u32;
+    if high.x < 0.5 || high.y < 0.5 {
+        return;
+    }
+    for y in range(low.y, high.y) {
+        for x in range(low.x, high.x) {
+            let p = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let weights = DVec3::new((b - p).perp_dot(c - p), (c - p).perp_dot(a - p), (a - p).perp_dot(b - p)) / twice;
+            if weights.min_element() >= 0.0 {
+                found(x, y, weights);
+            }
+        }
+    }
+}
+
+/// The weights of a piece's corners, where a place has weights of the corners of the triangle that the piece is part of.
+#[derive(Clone, Copy, Debug)]
+pub struct Within(glam::DMat3);
+
+impl Within {
+    /// The piece with the corners `corners`; `None` where it has no area.
+    pub fn new(corners: &[Weights; 3]) -> Option<Self> {
+        let matrix = glam::DMat3::from_cols(corners[0].0, corners[1].0, corners[2].0);
+        // The share of the triangle that the piece covers.
+        (matrix.determinant().abs() > 1e-14).then(|| Self(matrix.inverse()))
+    }
+
+    /// The weights in the piece of the place with the weights `of_triangle`; negative outside of it.
+    pub fn weights(&self, of_triangle: DVec3) -> DVec3 {
+        self.0 * of_triangle
+    }
+}
