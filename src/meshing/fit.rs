@@ -1,5 +1,5 @@
 //! Values at vertices by least squares (Kavan, Bargteil and Sloan 2011, "Least squares vertex baking", section 3): those whose
-//! linear interpolation is nearest to the light at all samples, each error relative to the light there.
+//! linear interpolation is nearest to the light at all samples, each squared error held against the light there, times the mean light: so that dark parts count, and bright ones do too.
 //!
 //! Corners at one place share a value where the surface is smooth there; across hard edges, materials that change what is held, and
 //! edges where light jumps, each side has its own. Where samples say little (under furniture, within walls), values follow their
@@ -18,9 +18,9 @@ const FLAT_COS: f32 = 0.866_025_4;
 /// Cosine between authored normals that are one and the same: 1 degree, for quantized ones.
 const SMOOTH_COS: f32 = 0.999_847_7;
 /// Weight of the Laplacian beside that of samples.
-const SMOOTHING: f64 = 1e-3;
+const SMOOTHING: f64 = 1e-5;
 /// Weight of doubtful samples.
-const DOUBTFUL: f64 = 1e-4;
+const DOUBTFUL: f64 = 1e-7;
 /// How far values may go beyond those of the samples around, as a share of their range: a line through the middles of texels goes
 /// on to their edge, but no further.
 const BEYOND: f32 = 0.25;
@@ -133,13 +133,13 @@ struct Block {
 }
 
 /// The values of `groups` that fit the samples best: `members` are the numbers of the samples of each piece. `start`: a first guess,
-/// one a group, or none. `least`: the light that errors are held against at least.
+/// one a group, or none. `mean`: the mean luminance of all light.
 pub fn fit(
     fine: &FineMesh,
     groups: &Groups,
     samples: &Samples,
     members: &[Vec<u32>],
-    least: f32,
+    mean: f32,
     start: Option<Vec<DVec3>>,
 ) -> Vec<Rgb> {
     let mut right = vec![DVec3::ZERO; groups.count];
@@ -151,8 +151,9 @@ pub fn fit(
         let mut mass = 0.0;
         if let Some(within) = Within::new(&piece.corners) {
             for s in members.iter().map(|s| &samples.all[*s as usize]) {
-                let (w, level) = (within.weights(s.weights()), s.level(least));
-                let weight = f64::from(s.area) / (level * level) * if s.is_doubtful { DOUBTFUL } else { 1.0 };
+                let w = within.weights(s.weights());
+                let whole = s.weight(mean);
+                let weight = if s.is_doubtful { DOUBTFUL * whole } else { whole };
                 let value = s.value.as_dvec3();
                 for k in 0..3 {
                     block.matrix[k] += weight * w[k] * w[k];
@@ -165,7 +166,7 @@ pub fn fit(
                         *bound = (bound.0.min(s.value), bound.1.max(s.value));
                     }
                 }
-                mass += weight;
+                mass += whole;
             }
         }
         // The least weight keeps pieces without a sample attached to their neighbours.

@@ -6,6 +6,7 @@
 //! A mesh that is refined keeps its triangles: each is cut into pieces, and a new vertex is a place in a triangle of the source,
 //! so that whatever vertices hold (normals, UVs, weights of skins, morph targets) can be blended there.
 
+mod coarsen;
 pub mod fine;
 pub mod fit;
 mod page;
@@ -16,11 +17,12 @@ pub mod weights;
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::progress::Progress;
+use coarsen::coarsen;
 use fine::FineMesh;
 use fit::relative_error;
 use rayon::prelude::*;
 use refine::{Work, refine};
-pub use sample::Source;
+pub use sample::{LEAST_LEVEL, Source};
 pub use weights::Weights;
 
 /// The light at the vertices of all surfaces.
@@ -85,9 +87,6 @@ pub struct MeshParams {
     pub max_triangles: Option<u64>,
 }
 
-/// The part of the mean light below which errors are not held against the light itself.
-pub const LEAST_LEVEL: f32 = 0.05;
-
 /// How well the light at vertices holds the light of texels.
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 pub struct VertexReport {
@@ -113,7 +112,6 @@ pub fn vertex_light(
 ) -> Result<(VertexLight, VertexReport)> {
     let surfaces = &source.scene.surfaces;
     progress.begin("vertices", 0);
-    let least = LEAST_LEVEL * source.mean;
     let receives = |s: &usize| surfaces[*s].role.receives;
     let mut meshes = vec![LitMesh::default(); surfaces.len()];
     let mut errors = Errors::default();
@@ -121,7 +119,7 @@ pub fn vertex_light(
     let start = |s: usize| Work::new(source, s, FineMesh::new(source.scene, s));
     let mut finish = |work: &Work| {
         meshes[work.surface] = work.mesh();
-        errors.merge(&Errors::of(work, least));
+        errors.merge(&Errors::of(work, source.mean));
     };
     let receiving: Vec<usize> = (0..surfaces.len()).filter(receives).collect();
     if params.mode == MeshMode::Given {
@@ -130,8 +128,8 @@ pub fn vertex_light(
             progress.check()?;
             let of_surface = |s: &usize| {
                 let mut work = start(*s);
-                work.fit(least);
-                (*s, work.mesh(), Errors::of(&work, least))
+                work.fit(source.mean);
+                (*s, work.mesh(), Errors::of(&work, source.mean))
             };
             let done: Vec<_> = some.par_iter().map(of_surface).collect();
             for (s, mesh, of_mesh) in done {
@@ -143,7 +141,7 @@ pub fn vertex_light(
     } else {
         let mut works: Vec<Work> = receiving.par_iter().map(|s| start(*s)).collect();
         given = works.iter().map(|w| w.fine.pieces.len() as u64).sum();
-        refine(&mut works, source, params, least, progress)?;
+        follow(&mut works, source, params, progress)?;
         works.iter().for_each(&mut finish);
     }
     let triangles = meshes.iter().map(|m| m.triangles.len() as u64).sum();
@@ -151,6 +149,33 @@ pub fn vertex_light(
     let error = 100.0 * params.error;
     let report = VertexReport { mode: params.mode, given_triangles: given, triangles, error, within, p95 };
     Ok((VertexLight { surfaces: meshes }, report))
+}
+
+/// Turns of cutting and taking out.
+const TURNS: usize = 2;
+/// The part of the triangles allowed that a turn leaves, so that the next one has some to put where they are needed more.
+const LEFT: f64 = 0.85;
+/// The share of the area whose error may be larger than asked, of all and of each piece to begin with.
+const SHARE: f64 = 0.05;
+/// How often that of each piece is halved where that of all is too much.
+const TRIES: i32 = 3;
+
+/// Cuts the meshes along the light, and takes out what it doesn't need.
+fn follow(works: &mut [Work], source: &Source, params: &MeshParams, progress: &dyn Progress) -> Result<()> {
+    let some = params.max_triangles.map(|most| (most as f64 * LEFT) as u64);
+    for _ in 0..TURNS {
+        refine(works, source, params, SHARE, progress)?;
+        coarsen(works, source, params, some, progress)?;
+    }
+    for k in 0..TRIES {
+        refine(works, source, params, SHARE * 0.5f64.powi(k), progress)?;
+        let mut errors = Errors::default();
+        works.iter().for_each(|w| errors.merge(&Errors::of(w, source.mean)));
+        if errors.share_below(params.error) >= 1.0 - SHARE {
+            break;
+        }
+    }
+    Ok(())
 }
 
 impl Work {
@@ -182,11 +207,11 @@ impl Default for Errors {
 
 impl Errors {
     /// The errors of a surface.
-    fn of(work: &Work, least: f32) -> Self {
+    fn of(work: &Work, mean: f32) -> Self {
         let mut errors = Self::default();
         for piece in 0..work.fine.pieces.len() {
             work.each_error(piece, |s, _, difference| {
-                let error = relative_error(difference, s.level(least));
+                let error = relative_error(difference, s.level(mean));
                 let bin = errors.bin(error);
                 errors.area[bin] += f64::from(s.area);
             });

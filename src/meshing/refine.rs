@@ -31,9 +31,7 @@ pub struct Work {
 
 /// Pieces with fewer samples than this hold no more than can be told.
 const LEAST_SAMPLES: usize = 8;
-/// The share of a piece's area whose error may be larger than asked, and the number of samples from which a smaller share is looked
-/// at as well: a small shadow in the middle of a floor.
-const SHARE: f64 = 0.05;
+/// Samples that are off from which a piece is looked at however small a share they are: a small shadow in the middle of a floor.
 const FEATURE: usize = 12;
 /// What a cut must gain, as a multiple of what noise alone would make it seem to gain.
 const SIGNIFICANT: f64 = 4.0;
@@ -49,7 +47,7 @@ const GROWTH: f64 = 0.15;
 /// A piece that asks to be cut.
 struct Request {
     edge: Edge,
-    /// Squared error beyond what is asked for, times area.
+    /// Squared error beyond what is asked for, by the weights of the fit.
     priority: f64,
 }
 
@@ -70,10 +68,10 @@ impl Work {
     }
 
     /// Fits the values anew.
-    pub fn fit(&mut self, least: f32) {
+    pub fn fit(&mut self, mean: f32) {
         let start =
             (self.values.len() == self.groups.count).then(|| self.values.iter().map(|v| v.as_dvec3()).collect());
-        self.values = fit(&self.fine, &self.groups, &self.samples, &self.members, least, start);
+        self.values = fit(&self.fine, &self.groups, &self.samples, &self.members, mean, start);
     }
 
     /// Cuts `edges`; values become those of what was there.
@@ -81,7 +79,6 @@ impl Work {
         if edges.is_empty() {
             return;
         }
-        let mesh = &source.scene.meshes[source.scene.surfaces[self.surface].mesh];
         let parents = self.fine.bisect(edges);
         let mut old = std::mem::take(&mut self.members);
         let mut members = vec![Vec::new(); parents.len()];
@@ -97,6 +94,12 @@ impl Work {
             start += parts.len();
         }
         self.members = members;
+        self.regroup(source);
+    }
+
+    /// Finds the groups of corners anew.
+    pub fn regroup(&mut self, source: &Source) {
+        let mesh = &source.scene.meshes[source.scene.surfaces[self.surface].mesh];
         self.groups = Groups::new(&self.fine, mesh, source.lightmap.quantity == Quantity::Radiosity);
         self.values.clear();
     }
@@ -118,7 +121,7 @@ impl Work {
     }
 
     /// What piece `piece` asks for, where it misses more of the light than it may.
-    fn request(&self, piece: usize, params: &MeshParams, least: f32) -> Option<Request> {
+    fn request(&self, piece: usize, params: &MeshParams, share: f64, mean: f32) -> Option<Request> {
         if self.members[piece].len() < LEAST_SAMPLES {
             return None;
         }
@@ -127,24 +130,24 @@ impl Work {
         // By edge: products of its hat with the error, and with itself.
         let mut gains = [(DVec3::ZERO, 0.0); 3];
         self.each_error(piece, |s, w, difference| {
-            let (a, level) = (f64::from(s.area), s.level(least));
+            let (a, level) = (f64::from(s.area), s.level(mean));
             let error = relative_error(difference, level);
-            let relative = difference / level;
+            let weight = s.weight(mean);
             area += a;
-            squares += a * relative.length_squared();
+            squares += weight * difference.length_squared();
             count += 1;
             if error > params.error {
                 wrong += a;
                 wrong_count += 1;
-                beyond += a * (error - params.error).powi(2);
+                beyond += weight * (difference.abs().max_element() - params.error * level).powi(2);
             }
             for (k, gain) in gains.iter_mut().enumerate() {
                 let hat = 2.0 * w[k].min(w[(k + 1) % 3]);
-                *gain = (gain.0 + relative * (a * hat), gain.1 + a * hat * hat);
+                *gain = (gain.0 + difference * (weight * hat), gain.1 + weight * hat * hat);
             }
         });
         let is_feature = wrong_count >= FEATURE;
-        if area == 0.0 || (wrong <= SHARE * area && !is_feature) {
+        if area == 0.0 || (wrong <= share * area && !is_feature) {
             return None;
         }
         let p = self.fine.pieces[piece].points;
@@ -160,7 +163,7 @@ impl Work {
             // Both halves have half the area over the longest of their edges: two old ones, and the new one, no longer than those.
             let is_thin = 0.5 * twice < LEAST_HEIGHT * spacing * longest && length[k] < longest;
             let is_short = length[k] < 2.0 * LEAST_HEIGHT * spacing;
-            if is_short || is_thin || (gained < SIGNIFICANT * noise * area / count as f64 && wrong < WRONG * area) {
+            if is_short || is_thin || (gained < SIGNIFICANT * noise && wrong < WRONG * area) {
                 continue;
             }
             let score = (gained + 1e-3 * squares) * length[k] / longest;
@@ -168,12 +171,12 @@ impl Work {
                 best = Some((score, k));
             }
         }
-        best.map(|(_, k)| Request { edge: edge(p[k], p[(k + 1) % 3]), priority: beyond.max(1e-12 * area) })
+        best.map(|(_, k)| Request { edge: edge(p[k], p[(k + 1) % 3]), priority: beyond })
     }
 }
 
 /// Deals samples out to the pieces of one triangle that hold them.
-fn deal(of: impl Iterator<Item = u32>, samples: &Samples, pieces: &[Piece], members: &mut [Vec<u32>]) {
+pub fn deal(of: impl Iterator<Item = u32>, samples: &Samples, pieces: &[Piece], members: &mut [Vec<u32>]) {
     if let [members] = members {
         members.extend(of);
         return;
@@ -196,7 +199,8 @@ fn deal(of: impl Iterator<Item = u32>, samples: &Samples, pieces: &[Piece], memb
     }
 }
 
-/// Cuts the meshes until they hold the light as exactly as asked, or have as many triangles as they may.
+/// Cuts the meshes until they hold the light as exactly as asked but for the part `share` of each piece's area, or have as many
+/// triangles as they may.
 ///
 /// # Errors
 /// `Cancelled`.
@@ -204,15 +208,15 @@ pub fn refine(
     works: &mut [Work],
     source: &Source,
     params: &MeshParams,
-    least: f32,
+    share: f64,
     progress: &dyn Progress,
 ) -> Result<()> {
     for _ in 0..ROUNDS {
         progress.check()?;
-        works.par_iter_mut().for_each(|w| w.fit(least));
+        works.par_iter_mut().for_each(|w| w.fit(source.mean));
         let requests: Vec<Vec<Request>> = works
             .par_iter()
-            .map(|w| (0..w.fine.pieces.len()).filter_map(|p| w.request(p, params, least)).collect())
+            .map(|w| (0..w.fine.pieces.len()).filter_map(|p| w.request(p, params, share, source.mean)).collect())
             .collect();
         let chosen = choose(works, &requests, params);
         if chosen.iter().all(BTreeSet::is_empty) {
@@ -220,7 +224,7 @@ pub fn refine(
         }
         works.par_iter_mut().zip(&chosen).for_each(|(w, edges)| w.bisect(source, edges));
     }
-    works.par_iter_mut().for_each(|w| w.fit(least));
+    works.par_iter_mut().for_each(|w| w.fit(source.mean));
     Ok(())
 }
 

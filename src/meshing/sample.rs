@@ -40,11 +40,19 @@ impl Sample {
         DVec3::new(a, b, 1.0 - a - b)
     }
 
-    /// What an error of the value is held against: its luminance, or `least` where that is more.
-    pub fn level(&self, least: f32) -> f64 {
-        f64::from(luminance(self.value).max(least).max(f32::MIN_POSITIVE))
+    /// What an error of the value is held against: its luminance, or [`LEAST_LEVEL`] of the mean one where that is more.
+    pub fn level(&self, mean: f32) -> f64 {
+        f64::from(luminance(self.value).max(LEAST_LEVEL * mean).max(f32::MIN_POSITIVE))
+    }
+
+    /// The weight of its squared error: its area, over its level and the mean one.
+    pub fn weight(&self, mean: f32) -> f64 {
+        f64::from(self.area) / (self.level(mean) * f64::from(mean.max(f32::MIN_POSITIVE)))
     }
 }
+
+/// The part of the mean light below which errors are not held against the light itself.
+pub const LEAST_LEVEL: f32 = 0.05;
 
 /// Places of a triangle that holds the middles of few texels: each stands for a fourth of it.
 const FEW: [[f32; 2]; 4] = [[1.0 / 3.0; 2], [2.0 / 3.0, 1.0 / 6.0], [1.0 / 6.0, 2.0 / 3.0], [1.0 / 6.0; 2]];
