@@ -3,7 +3,9 @@
 //! A mesh that is refined keeps its triangles: each is cut into pieces, and a new vertex is a place in a triangle of the source,
 //! so that whatever vertices hold (normals, UVs, weights of skins, morph targets) can be blended there.
 
+pub mod constrain;
 pub mod corner;
+pub mod critical;
 pub mod fine;
 pub mod weights;
 
