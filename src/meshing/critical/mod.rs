@@ -82,6 +82,13 @@ impl CriticalParams {
 }
 
 impl CriticalLine {
+    /// Those on one surface, of lines that are sorted by surface, as [`critical_lines`] gives them.
+    pub fn of_surface(lines: &[Self], surface: usize) -> &[Self] {
+        let first = lines.partition_point(|line| (line.surface as usize) < surface);
+        let count = lines[first..].partition_point(|line| line.surface as usize == surface);
+        &lines[first..first + count]
+    }
+
     /// Its length [m].
     pub fn length(&self) -> f64 {
         self.ends[0].distance(self.ends[1])
