@@ -9,7 +9,7 @@ mod arrange;
 mod draw;
 mod triangulate;
 
-use super::critical::CriticalLine;
+use super::critical::{CriticalLine, Order};
 use super::fine::{Edge, FineMesh, Piece, edge};
 use super::weights::Weights;
 use arrange::{Arranged, arrange};
@@ -36,12 +36,12 @@ impl ConstrainParams {
 type SidePoints = BTreeMap<Edge, Vec<(f64, u32)>>;
 
 /// Cuts `mesh`, whose pieces are whole triangles in order, along `lines`, all of its surface. Pieces stay in the order of triangles,
-/// and keep their winding; where lines of [`Order::Jump`](super::critical::Order::Jump) run, edges become breaks. Lines that can't
+/// and keep their winding; where lines of [`Order::Jump`] run, edges become breaks. Lines that can't
 /// be followed are left out.
 pub fn constrain(mesh: &mut FineMesh, lines: &[CriticalLine], params: &ConstrainParams) {
     let mut sorted: Vec<&CriticalLine> = lines.iter().filter(|l| (l.triangle as usize) < mesh.pieces.len()).collect();
-    // Stable: lines of a triangle stay in the order of what they show.
-    sorted.sort_by_key(|line| line.triangle);
+    // Jumps first, as they become breaks; stable: others stay in the order of what they show.
+    sorted.sort_by_key(|line| (line.triangle, line.order != Order::Jump));
     let drawings: Vec<Drawing> = sorted
         .chunk_by(|a, b| a.triangle == b.triangle)
         .collect::<Vec<_>>()

@@ -7,6 +7,9 @@ use rayon::prelude::*;
 /// Lines nearer than this share of the least length lie on each other.
 const SAME: f64 = 1e-2;
 
+/// Lines shorter than this share of the least length are left out: outlines have corners that edges' own shadows leave open.
+pub const LEAST_PIECE: f64 = 0.25;
+
 /// Joins lines of one triangle that lie on one straight line and touch, leaves out what is too short or shows too little, and sorts
 /// by surface, triangle and how much each shows.
 pub fn chain(mut lines: Vec<CriticalLine>, params: &CriticalParams) -> Vec<CriticalLine> {
@@ -21,7 +24,7 @@ pub fn chain(mut lines: Vec<CriticalLine>, params: &CriticalParams) -> Vec<Criti
         lines.chunk_by(|a, b| (a.surface, a.triangle) == (b.surface, b.triangle)).collect();
     let mut chained: Vec<CriticalLine> =
         triangles.par_iter().flat_map_iter(|lines| join(lines, SAME * params.length)).collect();
-    chained.retain(|line| line.length() >= 0.5 * params.length);
+    chained.retain(|line| line.length() >= LEAST_PIECE * params.length);
     if chained.len() > params.lines {
         let mut ranks: Vec<(f64, usize)> = chained.iter().map(CriticalLine::rank).zip(0..).collect();
         ranks.par_sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
@@ -62,6 +65,10 @@ fn union(a: &CriticalLine, b: &CriticalLine, tolerance: f64) -> Option<CriticalL
     let [s, t] = short.ends.map(|p| (p - from).dot(along));
     let (low, high) = (s.min(t), s.max(t));
     if low > length + tolerance || high < -tolerance {
+        return None;
+    }
+    // Those of different orders where the lower one covers the other.
+    if long.order != short.order && (short.order < long.order || low < -tolerance || high > length + tolerance) {
         return None;
     }
     let end = |at: f64, own: DVec3, others: [(f64, DVec3); 2]| {

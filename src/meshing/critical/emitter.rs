@@ -360,7 +360,11 @@ pub fn mean_light(stage: &Stage, mut emitters: Vec<Emitter>) -> (Vec<Emitter>, f
     let sums = |pairs: Vec<[f64; 2]>| pairs.iter().fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]);
     let shadowed = |e: &Emitter| -> Vec<[f64; 2]> {
         let light = samples.iter().map(|s| (open(e, s), s));
-        light.map(|(light, s)| [light, if light > 0.0 && is_seen(stage, e, s.1, s.2) { light } else { 0.0 }]).collect()
+        light
+            .map(|(light, s)| {
+                [light, if light > 0.0 && is_open(stage, e, s.1, s.2, DVec3::ZERO) { light } else { 0.0 }]
+            })
+            .collect()
     };
     let light: Vec<[f64; 2]> = emitters.par_iter().map(|e| sums(shadowed(e))).collect();
     let mean = light.iter().map(|[_, seen]| seen).sum::<f64>() / samples.len() as f64;
@@ -369,11 +373,11 @@ pub fn mean_light(stage: &Stage, mut emitters: Vec<Emitter>) -> (Vec<Emitter>, f
     (keep(emitters, light, MOST), mean)
 }
 
-/// True where nothing solid is between a receiver and the middle of an emitter.
-fn is_seen(stage: &Stage, emitter: &Emitter, position: DVec3, normal: DVec3) -> bool {
+/// True where nothing solid is between a receiver and the middle of an emitter, moved by `lift` [m].
+pub fn is_open(stage: &Stage, emitter: &Emitter, position: DVec3, normal: DVec3, lift: DVec3) -> bool {
     let Some(tracer) = stage.lights.tracer(stage.tracer, emitter.shade) else { return true };
     let origin = tracer.off_surface(position.as_vec3(), normal.as_vec3());
-    let (way, distance) = emitter.middle.way(origin.as_dvec3());
+    let (way, distance) = emitter.middle.way(origin.as_dvec3() - lift);
     let mut hit = [None];
     tracer.closest_solid(&[Ray { origin, direction: -way.as_vec3() }], &mut hit);
     let reach = distance - emitter.margin() - 4.0 * f64::from(tracer.offset());

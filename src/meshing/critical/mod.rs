@@ -4,7 +4,8 @@
 //! meshing for accurate radiosity", 1992) cuts receivers along them. A *wedge* is a part of a plane that light passes through past
 //! an occluder: VE wedges hold a vertex of the emitter and a silhouette edge, EV wedges an edge of the emitter and a vertex of a
 //! silhouette (Drettakis, Fiume, "A fast shadow algorithm for area light sources using backprojection", 1994). Where a wedge meets
-//! a receiver, light jumps (D0: emitters without size, and contacts), or its slope does (D1), or its curvature (D2).
+//! a receiver, light jumps (D0: emitters without size, and contacts), or its slope does (D1), or its curvature (D2). The plane of a
+//! flat emitter is a wedge without an occluder.
 //!
 //! Wedges are not intersected with all of the scene: rays along them find which triangles they land on, and what hides them; the
 //! segments themselves are intersections of planes. Cost: a few rays a wedge, and so about a second a hundred thousand wedges.
@@ -15,6 +16,7 @@
 mod chain;
 mod contact;
 mod emitter;
+mod horizon;
 mod occluder;
 mod shadow;
 mod wedge;
@@ -25,6 +27,7 @@ use crate::trace::Tracer;
 use contact::contacts;
 use emitter::{emitters, mean_light};
 use glam::DVec3;
+use horizon::horizons;
 use occluder::Occluders;
 use shadow::shadows;
 
@@ -41,7 +44,7 @@ pub struct CriticalLine {
     /// How much illuminance changes from one side of the shadow's border to the other, about [lx]; of a contact, the mean light of
     /// the scene.
     pub contrast: f64,
-    /// Width of the penumbra that it belongs to [m]; 0 of jumps.
+    /// Width of the penumbra that it belongs to [m], or over which light changes by the contrast; 0 of jumps.
     pub width: f64,
 }
 
@@ -59,7 +62,7 @@ pub enum Order {
 /// What lines are looked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CriticalParams {
-    /// Lines, and shadows of edges, shorter than this are left out [m]; more than 0.
+    /// Shadows of edges shorter than this are left out, and lines shorter than a quarter of it [m]; more than 0.
     pub length: f64,
     /// Penumbrae narrower than this are a jump along their middle [m].
     pub width: f64,
@@ -113,6 +116,7 @@ pub fn critical_lines(scene: &Scene, tracer: &Tracer, lights: &Lights, params: &
     let (emitters, mean) = mean_light(&stage, emitters);
     let mut lines = contacts(&stage, mean);
     lines.extend(shadows(&stage, &emitters, params.contrast * mean));
+    lines.extend(horizons(&stage, &emitters, params.contrast * mean));
     chain::chain(lines, params)
 }
 

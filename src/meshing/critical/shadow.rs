@@ -1,5 +1,6 @@
 //! The wedges of all emitters past all silhouettes that show.
 
+use super::chain::LEAST_PIECE;
 use super::emitter::{Apex, Emitter, Hull, Shape};
 use super::occluder::Edge;
 use super::wedge::{Pass, Stripe, Wedge};
@@ -9,11 +10,13 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// The most pairs of emitter and edge that are looked at.
-const MOST_PAIRS: usize = 200_000;
+const MOST_PAIRS: usize = 100_000;
 /// Shadows are at most so many times as long as their edges, of those worth a look.
 const MAGNIFICATION: f64 = 4.0;
 /// The most corners of an emitter of which planes inside penumbrae are followed.
 const MOST_CURVED: usize = 8;
+/// Outlines that bend less than this [rad] at a vertex are round.
+const BENT: f64 = 0.35;
 /// Places along an edge that are looked at first.
 const PROBES: [f64; 3] = [0.5, 0.12, 0.88];
 
@@ -138,10 +141,11 @@ fn probe(stage: &Stage, emitter: &Emitter, edge: &Edge) -> Option<Shadow> {
     // Of the middle, and of some points around it where that sees nothing.
     let around = points.iter().step_by(points.len().div_ceil(4)).copied();
     let mut found: Option<Shadow> = None;
-    for apex in [emitter.middle].into_iter().chain(around) {
+    let middle = (emitter.middle, &PROBES[..]);
+    for (apex, places) in [middle].into_iter().chain(around.map(|apex| (apex, &PROBES[..1]))) {
         let Some(pass) = past_edge(stage, edge, apex) else { continue };
         let wedge = Wedge { stage, emitter, pass: &pass };
-        for s in PROBES {
+        for s in places.iter().copied() {
             let Some(landing) = wedge.look(s) else { continue };
             let shadow = cast(stage, emitter, a.lerp(b, s), b - a, landing.triangle, landing.distance);
             found = Some(found.unwrap_or_default().or(shadow));
@@ -206,7 +210,7 @@ fn vertex_lines(stage: &Stage, emitter: &Emitter, place: u32, shadow: &Shadow) -
     for [a, b] in hull.edges.iter().map(|edge| edge.map(|k| hull.points[k])) {
         let normal = (b - a).cross(vertex - a).normalize_or_zero();
         let length = shadow.width * a.distance(b) / (2.0 * hull.radius);
-        if normal == DVec3::ZERO || length < stage.params.length {
+        if normal == DVec3::ZERO || length < LEAST_PIECE * stage.params.length {
             continue;
         }
         if hull.normal.is_none() && !supports(hull, a, normal) {
@@ -217,14 +221,13 @@ fn vertex_lines(stage: &Stage, emitter: &Emitter, place: u32, shadow: &Shadow) -
             occluders.edges_at(place).filter_map(side)
         };
         let way = Apex::At(a.midpoint(b)).way(vertex).0;
-        let (mut above, mut below) = (false, false);
-        for p in silhouettes(way).flat_map(|(edge, _)| edge.ends).filter(|p| *p != place) {
-            let lever = occluders.points[p as usize] - vertex;
-            above |= normal.dot(lever) > 1e-6 * lever.length();
-            below |= normal.dot(lever) < -1e-6 * lever.length();
-        }
-        let order = if above && below { Order::Curve } else { Order::Bend };
-        if order == Order::Curve && !hull.follows_curves(stage) {
+        let to_end = |p: u32| (occluders.points[p as usize] - vertex).normalize_or_zero();
+        let levers: Vec<DVec3> =
+            silhouettes(way).map(|(e, _)| to_end(e.ends[usize::from(e.ends[0] == place)])).collect();
+        let is_above = levers.iter().any(|lever| normal.dot(*lever) > 1e-6);
+        let is_below = levers.iter().any(|lever| normal.dot(*lever) < -1e-6);
+        let order = if is_above && is_below { Order::Curve } else { Order::Bend };
+        if order == Order::Curve && !(hull.follows_curves(stage) && is_bent(&levers, way)) {
             continue;
         }
         let pass = |s: f64| {
@@ -238,6 +241,14 @@ fn vertex_lines(stage: &Stage, emitter: &Emitter, place: u32, shadow: &Shadow) -
         }
     }
     lines
+}
+
+/// True where an outline, from a vertex to the ends of `levers` (unit) as seen along `way`, bends there by more than [`BENT`]. The
+/// vertices of what is meant to be round would fill its penumbra with lines that nobody can see.
+fn is_bent(levers: &[DVec3], way: DVec3) -> bool {
+    let &[a, b] = levers else { return true };
+    let [a, b] = [a, b].map(|lever| lever.reject_from(way).normalize_or_zero());
+    a.dot(b) > -BENT.cos()
 }
 
 /// The line of a stripe, past the point `through` of an occluder; `along` lies in the plane of the wedge, across the light.
