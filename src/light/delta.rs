@@ -58,6 +58,16 @@ impl DeltaLight {
         })
     }
 
+    /// Its number among the scene's lights.
+    pub fn number(&self) -> usize {
+        self.light
+    }
+
+    /// Its geometry.
+    pub fn shape(&self) -> &LightShape {
+        &self.shape
+    }
+
     /// How evenly it shines on a receiver of `radius` [m] around `position`.
     pub(super) fn evenness(&self, position: Vec3, radius: f32) -> Evenness {
         match self.shape {

@@ -7,6 +7,8 @@
 //! so that whatever vertices hold (normals, UVs, weights of skins, morph targets) can be blended there.
 
 mod coarsen;
+pub mod constrain;
+pub mod critical;
 pub mod fine;
 pub mod fit;
 mod page;
