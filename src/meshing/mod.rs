@@ -1,7 +1,8 @@
 //! Vertex colours that hold the light: values at the vertices of meshes, and meshes that follow the light.
 //!
 //! The light is that of the finished pages, sampled at texels ([`sample`]). Values are fitted to it by least squares ([`fit`]); where
-//! the mesh can't hold it, triangles are cut ([`refine`]).
+//! the mesh can't hold it, triangles are cut ([`refine`]), along the critical curves of shadows first where that is asked for
+//! ([`critical`], [`constrain`]), and vertices that it doesn't need go again ([`coarsen`]).
 //!
 //! A mesh that is refined keeps its triangles: each is cut into pieces, and a new vertex is a place in a triangle of the source,
 //! so that whatever vertices hold (normals, UVs, weights of skins, morph targets) can be blended there.
@@ -18,8 +19,13 @@ pub mod weights;
 
 use crate::color::Rgb;
 use crate::error::Result;
+use crate::light::Lights;
 use crate::progress::Progress;
+use crate::scene::BakeMode;
+use crate::trace::Tracer;
 use coarsen::coarsen;
+use constrain::{ConstrainParams, constrain};
+use critical::{CriticalLine, CriticalParams, critical_lines};
 use fine::FineMesh;
 use fit::relative_error;
 use rayon::prelude::*;
@@ -118,7 +124,6 @@ pub fn vertex_light(
     let mut meshes = vec![LitMesh::default(); surfaces.len()];
     let mut errors = Errors::default();
     let mut given = 0;
-    let start = |s: usize| Work::new(source, s, FineMesh::new(source.scene, s));
     let mut finish = |work: &Work| {
         meshes[work.surface] = work.mesh();
         errors.merge(&Errors::of(work, source.mean));
@@ -129,7 +134,7 @@ pub fn vertex_light(
         for some in receiving.chunks(64) {
             progress.check()?;
             let of_surface = |s: &usize| {
-                let mut work = start(*s);
+                let mut work = Work::new(source, *s, FineMesh::new(source.scene, *s));
                 work.fit(source.mean);
                 (*s, work.mesh(), Errors::of(&work, source.mean))
             };
@@ -141,8 +146,19 @@ pub fn vertex_light(
             }
         }
     } else {
-        let mut works: Vec<Work> = receiving.par_iter().map(|s| start(*s)).collect();
-        given = works.iter().map(|w| w.fine.pieces.len() as u64).sum();
+        let lines = if params.mode == MeshMode::Discontinuity { lines(source) } else { Vec::new() };
+        progress.check()?;
+        given = receiving.iter().map(|s| source.scene.meshes[surfaces[*s].mesh].triangles.len() as u64).sum();
+        let start = |s: &usize| {
+            let mut fine = FineMesh::new(source.scene, *s);
+            let density = f64::from(source.atlas.surface_density(source.scene, *s));
+            let own = CriticalLine::of_surface(&lines, *s);
+            if density > 0.0 && !own.is_empty() {
+                constrain(&mut fine, own, &ConstrainParams::of_density(density));
+            }
+            Work::new(source, *s, fine)
+        };
+        let mut works: Vec<Work> = receiving.par_iter().map(start).collect();
         follow(&mut works, source, params, progress)?;
         works.iter().for_each(&mut finish);
     }
@@ -151,6 +167,15 @@ pub fn vertex_light(
     let error = 100.0 * params.error;
     let report = VertexReport { mode: params.mode, given_triangles: given, triangles, error, within, p95 };
     Ok((VertexLight { surfaces: meshes }, report))
+}
+
+/// The critical lines of what is baked.
+fn lines(source: &Source) -> Vec<CriticalLine> {
+    let scene = source.scene;
+    // Direct light that the engine adds has its shadows there.
+    let lights = Lights::of(scene, |shining| shining.contribution(scene).mode() == BakeMode::Baked);
+    let params = CriticalParams::of_density(f64::from(source.atlas.density));
+    critical_lines(scene, &Tracer::new(scene), &lights, &params)
 }
 
 /// Turns of cutting and taking out.

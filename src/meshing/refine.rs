@@ -55,7 +55,7 @@ impl Work {
     /// The surface `surface`, of which `fine` is the mesh to begin with.
     pub fn new(source: &Source, surface: usize, fine: FineMesh) -> Self {
         let mesh = &source.scene.meshes[source.scene.surfaces[surface].mesh];
-        let samples = Samples::new(source, surface);
+        let mut samples = Samples::new(source, surface);
         let mut members = vec![Vec::new(); fine.pieces.len()];
         let mut start = 0;
         for pieces in fine.pieces.chunk_by(|a, b| a.source == b.source) {
@@ -63,6 +63,7 @@ impl Work {
             deal(of, &samples, pieces, &mut members[start..start + pieces.len()]);
             start += pieces.len();
         }
+        doubt_beside_breaks(&fine, &mut samples, &members);
         let groups = Groups::new(&fine, mesh, source.lightmap.quantity == Quantity::Radiosity);
         Self { surface, fine, samples, members, groups, values: Vec::new() }
     }
@@ -172,6 +173,31 @@ impl Work {
             }
         }
         best.map(|(_, k)| Request { edge: edge(p[k], p[(k + 1) % 3]), priority: beyond })
+    }
+}
+
+/// How far from a jump of the light a texel holds some of both sides, in distances between samples.
+const MIXED: f64 = 0.75;
+
+/// Marks the samples that hold light of both sides of a break.
+fn doubt_beside_breaks(fine: &FineMesh, samples: &mut Samples, members: &[Vec<u32>]) {
+    if fine.breaks.is_empty() {
+        return;
+    }
+    for (piece, members) in fine.pieces.iter().zip(members) {
+        let is_break = |k: &usize| fine.breaks.contains(&edge(piece.points[*k], piece.points[(k + 1) % 3]));
+        let broken: Vec<usize> = (0..3).filter(is_break).collect();
+        let Some(within) = Within::new(&piece.corners).filter(|_| !broken.is_empty()) else { continue };
+        let at = piece.points.map(|p| fine.points[p as usize]);
+        let twice = (at[1] - at[0]).cross(at[2] - at[0]).length();
+        for s in members {
+            let sample = &mut samples.all[*s as usize];
+            let w = within.weights(sample.weights());
+            // The height above edge k is that of the corner opposite, times its weight.
+            let height = |k: &usize| w[(k + 2) % 3] * twice / at[*k].distance(at[(k + 1) % 3]).max(f64::MIN_POSITIVE);
+            let reach = MIXED * f64::from(sample.area).sqrt();
+            sample.is_doubtful |= broken.iter().any(|k| height(k) < reach);
+        }
     }
 }
 

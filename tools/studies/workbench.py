@@ -76,19 +76,23 @@ class Workbench:
         glb.write(scene, path)
         return path
 
-    def bake(self, scene: Path, *arguments, watch_every: int | None = None) -> Bake:
-        """Geometric normals, 32-bit pages, no vertex colours: what a study compares is the texels."""
-        key = (scene, *map(str, arguments), watch_every)
+    def bake(self, scene: Path, *arguments, watch_every: int | None = None, vertices: bool = False) -> Bake:
+        """Geometric normals, 32-bit pages, no vertex colours unless they are asked for: what most studies compare is the texels."""
+        key = (scene, *map(str, arguments), watch_every, vertices)
         if key not in self.done:
             folder = self.work / f"{len(self.done):02}_{scene.stem}"
             watch = [] if watch_every is None else ["--watch", folder / "watch", "--watch-every", watch_every]
-            common = ["--normals", "geometric", "--float", "--gltf", "engine", "--overwrite", "--quiet"]
+            common = ["--normals", "geometric", "--float", "--gltf", "engine,vertex" if vertices else "engine", "--overwrite", "--quiet"]
             command = [str(c) for c in (program(), "bake", scene, "-o", folder, *common, *arguments, *watch)]
             run = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
             if run.returncode != 0:
                 raise RuntimeError(f"{' '.join(command)}: exit {run.returncode}\n{run.stderr[-2000:]}")
             self.done[key] = Bake(scene.stem, folder, folder / "watch" if watch else None)
         return self.done[key]
+
+    def vertices(self, bake: Bake) -> Bake:
+        """The same bake as its vertex colours show it."""
+        return Bake(f"{bake.name}.vertex", bake.folder)
 
     def reference(self, scene: Path, density: float, samples: int) -> Bake:
         return self.bake(scene, "--density", density, "--quality", self.reference_quality, "--samples", samples)
@@ -103,7 +107,8 @@ class Workbench:
         if bake.glb not in self.casters:
             self.casters[bake.glb] = Caster(triangles.load(bake.glb))
         caster = self.casters[bake.glb]
-        caster.triangles.pages, caster.triangles.flat = bake.pages(step), flat
+        if "vertexScale" not in caster.triangles.lumel:
+            caster.triangles.pages, caster.triangles.flat = bake.pages(step), flat
         view = view or camera.from_gltf(bake.glb)
         assert view is not None, f"{bake.glb} has no camera"
         return caster.picture(view, *size, 3)
@@ -115,6 +120,23 @@ class Workbench:
         used = display.write_png(path, rgb, exposure, covered > 0)
         shrink(path, dither=not options.get("flat"))
         return used
+
+    def wire_picture(self, name: str, bake: Bake, size: tuple[int, int] = (480, 360), exposure: float | None = None) -> None:
+        """[`picture`] with the edges of triangles in white."""
+        rgb, covered = self.render(bake, size)
+        caster, view, samples = self.casters[bake.glb], camera.from_gltf(bake.glb), 4
+        origin, direction = view.rays(*size, samples)
+        triangle, weights = caster.closest(origin, direction)
+        p = caster.triangles.position[triangle]
+        sides = np.linalg.norm(p[:, [2, 0, 1]] - p[:, [1, 2, 0]], axis=2)
+        height = np.linalg.norm(caster.normals[triangle], axis=1, keepdims=True) / sides
+        away = np.linalg.norm((p * weights[..., None]).sum(1) - origin, axis=1, keepdims=True)
+        pixel = away * 2 * np.tan(np.radians(view.fov) / 2) / size[1]
+        edge = ((weights * height < 0.4 * pixel).any(1) & (triangle >= 0)).reshape(size[1], size[0], -1).mean(-1, keepdims=True)
+        path = self.page / f"{name}.png"
+        white = 0.8 / (exposure or 1.0)
+        display.write_png(path, rgb * (1 - 0.6 * edge) + white * 0.6 * edge, exposure, covered > 0)
+        shrink(path)
 
     def error_picture(self, name: str, bake: Bake, reference: Bake, size=(480, 360), percent=20.0, both_flat=False, **options) -> None:
         """The relative error that the camera sees, in the colours of `lumel compare`: blue darker, red brighter than the reference."""
