@@ -428,8 +428,27 @@ fn a_line_becomes_edges_on_both_sides_of_a_diagonal() {
     assert_eq!(mesh.pieces.len(), 6);
 }
 
-/// What the lines of real scenes cost, and a picture of each large flat receiver with its light, its lines and its pieces, for eyes:
-/// `CRITICAL_SCENE=scene.glb CRITICAL_DENSITY=20 cargo test --release --test critical -- --ignored --nocapture`.
+#[test]
+fn lines_that_go_on_beyond_others_start_where_those_end() {
+    let hall = scene(&[floor()]);
+    let mut mesh = FineMesh::new(&hall, 0);
+    let line = |to: f64, order| CriticalLine {
+        surface: 0,
+        triangle: 0,
+        ends: [DVec3::new(-2.0, 0.0, 1.0), DVec3::new(to, 0.0, 1.0)],
+        order,
+        contrast: 1.0,
+        width: 0.0,
+    };
+    // The longer shows more, but breaks come first.
+    let lines = [line(0.5, Order::Bend), line(-1.0, Order::Jump)];
+    constrain(&mut mesh, &lines, &ConstrainParams { tolerance: 0.01 });
+    assert_eq!(mesh.points.len(), 7, "{:?}", &mesh.points[4..]);
+    assert_eq!(mesh.breaks.len(), 1);
+}
+
+/// What the lines of real scenes cost, and pictures of the receivers that have most, with their light, lines and pieces:
+/// `CRITICAL_SCENE=scene.glb CRITICAL_DENSITY=20 cargo test --release --test critical -- --ignored`.
 #[test]
 #[ignore = "draws pictures of a scene that CRITICAL_SCENE names, to look at"]
 fn draw_a_scene() {

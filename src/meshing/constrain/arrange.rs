@@ -1,6 +1,6 @@
 //! The points and edges of one triangle: points on its sides, ends and crossings of its lines.
 
-use super::draw::{Drawing, Spot, Stroke};
+use super::draw::{Drawing, ON_LINE, Spot, Stroke};
 use super::triangulate::{fan_out, triangulate};
 use super::{Face, SidePoints};
 use crate::meshing::fine::{FineMesh, edge};
@@ -216,7 +216,7 @@ impl<'a> Sketch<'a> {
             for i in self.around(a.lerp(b, step as f64 / steps.max(1) as f64)) {
                 let lever = self.points[i as usize] - a;
                 let along = lever.dot(way);
-                if lever.perp_dot(way).abs() < 0.7 * self.tolerance && along > 0.0 && along < length {
+                if lever.perp_dot(way).abs() < ON_LINE * self.tolerance && along > 0.0 && along < length {
                     on.push((along, i));
                 }
             }

@@ -1,4 +1,5 @@
-//! Critical lines on one triangle: clipped, brought to its sides and corners, and thinned out where they run beside each other.
+//! Critical lines on one triangle: clipped, brought to its sides and corners, and thinned out where they run beside
+//! each other.
 
 use super::Face;
 use crate::meshing::critical::{CriticalLine, Order};
@@ -6,9 +7,14 @@ use glam::DVec2;
 
 /// The most lines of one triangle.
 const MOST: usize = 1500;
-/// Lines that stay within the tolerance of each other for more than so many tolerances, as those that cross at less than 30 degrees
-/// do, run beside each other.
+/// Lines that stay within the tolerance of each other for more than so many tolerances, as those that cross at less
+/// than 30 degrees do, run beside each other.
 const BESIDE: f64 = 4.0;
+
+/// Points within this share of the tolerance of a line lie on it.
+pub const ON_LINE: f64 = 0.7;
+/// How near others lines begin that ran beside them, less than [`ON_LINE`].
+const JOINED: f64 = 0.6;
 
 /// The lines of a triangle.
 pub struct Drawing {
@@ -62,8 +68,8 @@ pub fn draw(face: &Face, lines: &[&CriticalLine], tolerance: f64) -> Option<Draw
         let settled = spots.map(|s| s.place(face));
         for part in apart(settled, &taken, tolerance) {
             let spot = |end: usize| match part[end] {
-                u if u == 0.0 => spots[0],
-                u if u == 1.0 => spots[1],
+                0.0 => spots[0],
+                1.0 => spots[1],
                 u => Spot::Inside(settled[0].lerp(settled[1], u)),
             };
             let stroke = Stroke { ends: [spot(0), spot(1)], jumps };
@@ -153,6 +159,8 @@ fn apart(line: [DVec2; 2], taken: &[[DVec2; 2]], tolerance: f64) -> Vec<[f64; 2]
         if (to - from) * length <= BESIDE * tolerance {
             continue;
         }
+        // What goes on begins so near that it is joined to the other.
+        let [from, to] = near(line, *other, JOINED * tolerance).unwrap_or([from, to]);
         let cut = |[low, high]: [f64; 2]| {
             let kept = [[low, high.min(from)], [low.max(to), high]];
             kept.into_iter().filter(|[low, high]| (high - low) * length > tolerance)

@@ -1,9 +1,10 @@
 //! Cuts the triangles of a mesh along critical lines: a constrained Delaunay triangulation of each, in its own plane.
 //!
-//! Lines are drawn on each triangle ([`draw`]); where they end on a side, all triangles that share it get the same points, at the
-//! same part of the way from its lower point to its higher; then each triangle is arranged ([`arrange`]) and triangulated
-//! ([`triangulate`]) on its own. Nothing comes nearer than the tolerance to anything else: ends and crossings move to what
-//! is there, and of lines that run beside others those that show most stay. Cost: the square of the lines of one triangle.
+//! Lines are drawn on each triangle ([`draw`]); where they end on a side, all triangles that share it get the same
+//! points, at the same part of the way from its lower point to its higher; then each triangle is arranged ([`arrange`])
+//! and triangulated ([`triangulate`]) on its own. Nothing comes nearer than the tolerance to anything else: ends and
+//! crossings move to what is there, and of lines that run beside others those that show most stay. Cost: the square of
+//! the lines of one triangle.
 
 mod arrange;
 mod draw;
@@ -35,9 +36,9 @@ impl ConstrainParams {
 /// Where an edge is cut: parts of the way from its lower point to its higher one, rising, and the points there.
 type SidePoints = BTreeMap<Edge, Vec<(f64, u32)>>;
 
-/// Cuts `mesh`, whose pieces are whole triangles in order, along `lines`, all of its surface. Pieces stay in the order of triangles,
-/// and keep their winding; where lines of [`Order::Jump`] run, edges become breaks. Lines that can't
-/// be followed are left out.
+/// Cuts `mesh`, whose pieces are whole triangles in order, along `lines`, all of its surface. Pieces stay in the order
+/// of triangles, and keep their winding; where lines of [`Order::Jump`] run, edges become breaks. Lines that can't be
+/// followed are left out.
 pub fn constrain(mesh: &mut FineMesh, lines: &[CriticalLine], params: &ConstrainParams) {
     let mut sorted: Vec<&CriticalLine> = lines.iter().filter(|l| (l.triangle as usize) < mesh.pieces.len()).collect();
     // Jumps first, as they become breaks; stable: others stay in the order of what they show.

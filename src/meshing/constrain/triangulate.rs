@@ -5,10 +5,10 @@ use glam::DVec2;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 use std::collections::BTreeMap;
 
-/// Triangulates points whose first ones are the border of a triangle, counter-clockwise, corners and points on sides; `sides` has a
-/// bit for each side that each of these lies on. Edges that cross others are left out, those first that are given last. Triangles are
-/// counter-clockwise, and cover the border exactly: what rounding puts between points of one side is dropped. `None` where
-/// that can't be had.
+/// Triangulates points whose first ones are the border of a triangle, counter-clockwise, corners and points on sides;
+/// `sides` has a bit for each side that each of these lies on. Edges that cross others are left out, those first that
+/// are given last. Triangles are counter-clockwise, and cover the border exactly: what rounding puts between points of
+/// one side is dropped. `None` where that can't be had.
 pub fn triangulate(points: &[DVec2], sides: &[u8], edges: &[[u32; 2]]) -> Option<Vec<[u32; 3]>> {
     let mut mesh = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
     let mut handles = Vec::with_capacity(points.len());

@@ -7,11 +7,12 @@ use rayon::prelude::*;
 /// Lines nearer than this share of the least length lie on each other.
 const SAME: f64 = 1e-2;
 
-/// Lines shorter than this share of the least length are left out: outlines have corners that edges' own shadows leave open.
+/// Lines shorter than this share of the least length are left out: outlines have corners that edges' own shadows leave
+/// open.
 pub const LEAST_PIECE: f64 = 0.25;
 
-/// Joins lines of one triangle that lie on one straight line and touch, leaves out what is too short or shows too little, and sorts
-/// by surface, triangle and how much each shows.
+/// Joins lines of one triangle that lie on one straight line and touch, leaves out what is too short or shows too
+/// little, and sorts by surface, triangle and how much each shows.
 pub fn chain(mut lines: Vec<CriticalLine>, params: &CriticalParams) -> Vec<CriticalLine> {
     lines.retain(|line| line.ends.iter().all(|p| p.is_finite()));
     // Bits of places break ties, so that no order of work shows.

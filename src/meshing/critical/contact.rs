@@ -8,7 +8,8 @@ use rayon::prelude::*;
 /// Triangles in the leaves of the tree.
 const LEAF: usize = 4;
 
-/// The lines along which triangles that block stand on, or cut through, the front of receivers; `light` is the scene's mean [lx].
+/// The lines along which triangles that block stand on, or cut through, the front of receivers; `light` is the scene's
+/// mean [lx].
 pub fn contacts(stage: &Stage, light: f64) -> Vec<CriticalLine> {
     let occluders = stage.occluders;
     let blocks = |t: &u32| occluders.blocks[*t as usize];

@@ -180,7 +180,8 @@ fn from_polygons(scene: &Scene, polygons: &[Polygon], group: &[usize]) -> Option
     Some(Emitter { shape: Shape::Hull(hull), middle: Apex::At(middle), shade: first.shade, blockers, strength })
 }
 
-/// The corners of the convex hull of points in a plane, counter-clockwise about `normal` (Andrew's monotone chain, 1979).
+/// The corners of the convex hull of points in a plane, counter-clockwise about `normal` (Andrew's monotone chain,
+/// 1979).
 fn flat_hull(points: &[DVec3], normal: DVec3) -> Vec<DVec3> {
     let (x, y) = normal.any_orthonormal_pair();
     let mut flat: Vec<(DVec2, DVec3)> = points.iter().map(|p| (DVec2::new(p.dot(x), p.dot(y)), *p)).collect();

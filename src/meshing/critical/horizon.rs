@@ -1,4 +1,5 @@
-//! Horizons: where the planes of flat emitters cut receivers. What lies behind gets nothing of them, and light bends there.
+//! Horizons: where the planes of flat emitters cut receivers. What lies behind gets nothing of them, and light bends
+//! there.
 
 use super::emitter::{Emitter, Hull, Shape, is_open};
 use super::{CriticalLine, Order, Stage};

@@ -1,17 +1,19 @@
 //! Critical curves: where direct light jumps or bends on surfaces, as line segments on their triangles.
 //!
-//! Discontinuity meshing (Heckbert, "Discontinuity meshing for radiosity", 1992; Lischinski, Tampieri, Greenberg, "Discontinuity
-//! meshing for accurate radiosity", 1992) cuts receivers along them. A *wedge* is a part of a plane that light passes through past
-//! an occluder: VE wedges hold a vertex of the emitter and a silhouette edge, EV wedges an edge of the emitter and a vertex of a
-//! silhouette (Drettakis, Fiume, "A fast shadow algorithm for area light sources using backprojection", 1994). Where a wedge meets
-//! a receiver, light jumps (D0: emitters without size, and contacts), or its slope does (D1), or its curvature (D2). The plane of a
-//! flat emitter is a wedge without an occluder.
+//! Discontinuity meshing (Heckbert, "Discontinuity meshing for radiosity", 1992; Lischinski, Tampieri, Greenberg,
+//! "Discontinuity meshing for accurate radiosity", 1992) cuts receivers along them. A *wedge* is a part of a plane that
+//! light passes through past an occluder: VE wedges hold a vertex of the emitter and a silhouette edge, EV wedges an
+//! edge of the emitter and a vertex of a silhouette (Drettakis, Fiume, "A fast shadow algorithm for area light sources
+//! using backprojection", 1994). Where a wedge meets a receiver, light jumps (D0: emitters without size, and contacts),
+//! or its slope does (D1), or its curvature (D2). The plane of a flat emitter is a wedge without an occluder.
 //!
-//! Wedges are not intersected with all of the scene: rays along them find which triangles they land on, and what hides them; the
-//! segments themselves are intersections of planes. Cost: a few rays a wedge, and so about a second a hundred thousand wedges.
+//! Wedges are not intersected with all of the scene: rays along them find which triangles they land on, and what hides
+//! them; the segments themselves are intersections of planes. Cost: a few rays a wedge, and so about a second a hundred
+//! thousand wedges.
 //!
-//! Left out: EEE surfaces, of three edges, which are curved; edges whose shadows are shorter than asked for, as those of finely
-//! tessellated round things; the sky; cut-out and transmitting occluders; receivers that block nothing, as rays pass through them.
+//! Left out: EEE surfaces, of three edges, which are curved; edges whose shadows are shorter than asked for, as those
+//! of finely tessellated round things; the sky, and portals to skies with pictures; cut-out and transmitting occluders;
+//! receivers that block nothing, as rays pass through them.
 
 mod chain;
 mod contact;
@@ -41,8 +43,8 @@ pub struct CriticalLine {
     /// Its ends in world space [m], in the plane of the triangle and inside it within rounding.
     pub ends: [DVec3; 2],
     pub order: Order,
-    /// How much illuminance changes from one side of the shadow's border to the other, about [lx]; of a contact, the mean light of
-    /// the scene.
+    /// How much illuminance changes from one side of the shadow's border to the other, about [lx]; of a contact, the
+    /// mean light of the scene.
     pub contrast: f64,
     /// Width of the penumbra that it belongs to [m], or over which light changes by the contrast; 0 of jumps.
     pub width: f64,
@@ -108,7 +110,8 @@ impl CriticalLine {
     }
 }
 
-/// The critical lines of a scene under its lights, by surface, triangle and how much they show. The same at any number of threads.
+/// The critical lines of a scene under its lights, by surface, triangle and how much they show. The same at any number
+/// of threads.
 pub fn critical_lines(scene: &Scene, tracer: &Tracer, lights: &Lights, params: &CriticalParams) -> Vec<CriticalLine> {
     let occluders = Occluders::new(scene, tracer);
     let emitters = emitters(scene, lights);

@@ -39,7 +39,8 @@ pub struct Edge {
 }
 
 impl Occluders {
-    /// Gathers the triangles that `tracer` knows. Cost: O(n log n), about 0.3 s of processor time for 250,000 triangles.
+    /// Gathers the triangles that `tracer` knows. Cost: O(n log n), about 0.3 s of processor time for 250,000
+    /// triangles.
     pub fn new(scene: &Scene, tracer: &Tracer) -> Self {
         let count = tracer.triangle_count();
         let corners: Vec<[glam::Vec3; 3]> = (0..count as u32)
@@ -135,8 +136,8 @@ impl Occluders {
         self.opposite[range].iter().map(|p| self.points[*p as usize])
     }
 
-    /// The unit normal of the plane through `edge` whose light travels along `way` (any length) there, away from the edge's faces;
-    /// `None` where the edge is no silhouette seen so, or is seen end on.
+    /// The unit normal of the plane through `edge` whose light travels along `way` (any length) there, away from the
+    /// edge's faces; `None` where the edge is no silhouette seen so, or is seen end on.
     pub fn free_side(&self, edge: &Edge, way: DVec3) -> Option<DVec3> {
         let [a, b] = self.ends(edge);
         let along = (b - a).normalize_or_zero();

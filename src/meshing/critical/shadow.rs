@@ -243,15 +243,16 @@ fn vertex_lines(stage: &Stage, emitter: &Emitter, place: u32, shadow: &Shadow) -
     lines
 }
 
-/// True where an outline, from a vertex to the ends of `levers` (unit) as seen along `way`, bends there by more than [`BENT`]. The
-/// vertices of what is meant to be round would fill its penumbra with lines that nobody can see.
+/// True where an outline, from a vertex to the ends of `levers` (unit) as seen along `way`, bends there by more than
+/// [`BENT`]. The vertices of what is meant to be round would fill its penumbra with lines that nobody can see.
 fn is_bent(levers: &[DVec3], way: DVec3) -> bool {
     let &[a, b] = levers else { return true };
     let [a, b] = [a, b].map(|lever| lever.reject_from(way).normalize_or_zero());
     a.dot(b) > -BENT.cos()
 }
 
-/// The line of a stripe, past the point `through` of an occluder; `along` lies in the plane of the wedge, across the light.
+/// The line of a stripe, past the point `through` of an occluder; `along` lies in the plane of the wedge, across the
+/// light.
 fn line(
     stage: &Stage,
     emitter: &Emitter,
@@ -313,7 +314,8 @@ fn on_ball(centre: Apex, radius: f64, point: DVec3, along: DVec3) -> Option<[Ape
     Some([Apex::At(middle + aside), Apex::At(middle - aside)])
 }
 
-/// The directions in which the two planes along a line touch a sun's disc of half an angle [rad]; `None` where the line meets it.
+/// The directions in which the two planes along a line touch a sun's disc of half an angle [rad]; `None` where the line
+/// meets it.
 fn on_disc(middle: Apex, half: f64, along: DVec3) -> Option<[Apex; 2]> {
     let Apex::Towards(towards) = middle else { return None };
     let across = towards.reject_from(along);

@@ -50,7 +50,8 @@ pub struct Stripe {
 type Look = (f64, Option<u32>);
 
 impl Wedge<'_> {
-    /// What the ray at `s` lands on, past its occluder: the front of what the light shines on; `None` where it gets not so far.
+    /// What the ray at `s` lands on, past its occluder: the front of what the light shines on; `None` where it gets not
+    /// so far.
     pub fn look(&self, s: f64) -> Option<Landing> {
         let pass = (self.pass)(s)?;
         let (way, distance) = pass.apex.way(pass.through);
@@ -61,7 +62,7 @@ impl Wedge<'_> {
         }
         let origin = (pass.through + pass.free * off).as_vec3();
         if let Some(tracer) = lights.tracer(tracer, self.emitter.shade) {
-            let (back, reach) = self.emitter.inside(pass.apex, off).way(origin.as_dvec3());
+            let (back, reach) = self.emitter.inside(pass.apex, way, off).way(origin.as_dvec3());
             let blocked = nearest(tracer, origin, -back);
             if blocked.is_some_and(|h| f64::from(h.t) < (reach - self.emitter.margin()) * (1.0 - 1e-5)) {
                 return None;
@@ -118,7 +119,8 @@ impl Wedge<'_> {
         self.split(middle, high, step, looks);
     }
 
-    /// The part of a triangle that the wedge lands on: surely between the inner two of `places`, not beyond the outer ones.
+    /// The part of a triangle that the wedge lands on: surely between the inner two of `places`, not beyond the outer
+    /// ones.
     fn stripe(&self, triangle: u32, places: [f64; 4]) -> Option<Stripe> {
         let corners = self.stage.occluders.corners[triangle as usize];
         let [before, first, last, after] = places;
@@ -179,12 +181,13 @@ impl Emitter {
         hull.normal.is_none_or(|n| n.dot(way) > 1e-3 || (hull.two_sided && n.dot(way) < -1e-3))
     }
 
-    /// A point of it a little inwards from `apex`, and `off` [m] from its plane, so that rays to it don't graze what frames it.
-    fn inside(&self, apex: Apex, off: f64) -> Apex {
+    /// A point of it a little inwards from `apex`, and `off` [m] from its plane on the side to which light travels along
+    /// `way`, so that rays to it graze neither the emitter nor what frames it.
+    fn inside(&self, apex: Apex, way: DVec3, off: f64) -> Apex {
         match (&self.shape, apex, self.middle) {
             (Shape::Hull(hull), Apex::At(at), Apex::At(middle)) => {
-                let lift = if hull.two_sided { 0.0 } else { off };
-                Apex::At(at.lerp(middle, 0.01) + hull.normal.unwrap_or(DVec3::ZERO) * lift)
+                let lift = hull.normal.map_or(DVec3::ZERO, |n| n * (n.dot(way).signum() * off));
+                Apex::At(at.lerp(middle, 0.01) + lift)
             }
             _ => apex,
         }
