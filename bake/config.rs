@@ -399,6 +399,13 @@ mod tests {
     }
 
     #[test]
+    fn what_would_do_nothing_is_refused() {
+        let e = settle(Table::new(), typed("--gltf engine --vertex-colors u8")).unwrap_err().to_string();
+        assert!(e.starts_with("--vertex-colors: is for the GLB vertex"), "{e}");
+        assert!(settle(Table::new(), typed("--gltf engine --vertex-colors float")).is_ok());
+    }
+
+    #[test]
     fn paths_in_the_file_are_relative_to_it() {
         let dir = std::env::temp_dir().join(format!("lumel-config-{}", std::process::id()));
         std::fs::create_dir_all(&dir).unwrap();
