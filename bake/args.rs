@@ -29,7 +29,8 @@ pub enum Command {
     /// Bake the light of a scene into lightmaps
     ///
     /// Writes lightmaps/<stem>_<page>.exr, <stem>.glb (lightmap UVs added, materials untouched), <stem>.vertex.glb (baked
-    /// vertex colours), for a USD scene <stem>.lumel.usda (an override layer), and report.json. The input is never touched.
+    /// vertex colours), for a USD scene <stem>.lumel.usda (an override layer) and, where meshes were cut for the light,
+    /// <stem>.vertex.usda (a layer of the pieces), and report.json. The input is never touched.
     Bake(Box<BakeArgs>),
     /// Make lightmap UVs only
     Unwrap(Box<UnwrapArgs>),
@@ -309,6 +310,10 @@ pub struct VertexArgs {
     /// Triangles with baked vertex colours, at most [default: as many as the error takes]
     #[arg(long, value_name = "N")]
     pub max_triangles: Option<u64>,
+    /// Form of COLOR_0 in the vertex GLB, linear light over the file's vertexScale; u8 and u16: integers that stand for 0..1, a third
+    /// and two thirds of the size; _IRRADIANCE beside it is always float [default: float]
+    #[arg(long, value_name = "FORM", value_parser = PossibleValuesParser::new(["u8", "u16", "float"]))]
+    pub vertex_colors: Option<String>,
 }
 
 /// Lightmap UVs.

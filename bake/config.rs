@@ -321,7 +321,7 @@ mod tests {
     fn every_setting_has_its_option() {
         let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --mips 2 --align 4 --min-chart 2 --unwrapper uvunwrap --uv keep --uv-name st1 --normals geometric \
                     --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --sky 1,2,0.1 --sun 40,180,8e4 \
-                    --gltf engine,vertex --lights remove --bake-lights indirect --ao-distance 2 --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
+                    --gltf engine,vertex --vertex-colors u16 --lights remove --bake-lights indirect --ao-distance 2 --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                     --elements 100 --iterations 7 --overshoot=false --ambient=false --gather auto --directional sh --probes 2 --layers direct,ao --watch w \
                     --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
                     --strict --max-texture 9 --max-texels 9 --max-memory 4G --for bevy --encoding exr,ktx2-half \
@@ -345,6 +345,7 @@ mod tests {
         let s = layered("", line);
         assert_eq!(s.sky, Some(SkySetting::Constant([1.0, 2.0, 0.1])));
         assert_eq!(s.gltf.as_deref(), Some([GltfProfile::Engine, GltfProfile::Vertex].as_slice()));
+        assert_eq!(s.vertex_colors, lumel::write::VertexColors::U16);
         assert_eq!(s.threads, Some(2));
         assert_eq!((s.max_memory, s.strict), (Some(4 << 30), true));
     }
@@ -395,6 +396,13 @@ mod tests {
     fn out_of_range_options_name_the_option() {
         let e = settle(Table::new(), typed("--resolution 4")).unwrap_err().to_string();
         assert!(e.starts_with("--resolution: 4 is out of range"), "{e}");
+    }
+
+    #[test]
+    fn what_would_do_nothing_is_refused() {
+        let e = settle(Table::new(), typed("--gltf engine --vertex-colors u8")).unwrap_err().to_string();
+        assert!(e.starts_with("--vertex-colors: is for the GLB vertex"), "{e}");
+        assert!(settle(Table::new(), typed("--gltf engine --vertex-colors float")).is_ok());
     }
 
     #[test]

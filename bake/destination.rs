@@ -21,8 +21,9 @@ pub fn refuse_replacing(scene: &Path, inputs: &[&Path], folder: &Path) -> Result
     // A folder that doesn't exist holds no input.
     let Ok(folder) = folder.canonicalize() else { return Ok(()) };
     let stem = stem(scene);
-    let results =
-        [format!("{stem}.glb"), format!("{stem}.vertex.glb"), format!("{stem}.lumel.usda"), "report.json".into()];
+    let suffixes = ["glb", "vertex.glb", "lumel.usda", "vertex.usda"];
+    let mut results: Vec<String> = suffixes.iter().map(|suffix| format!("{stem}.{suffix}")).collect();
+    results.push("report.json".into());
     for input in inputs {
         let Ok(place) = input.canonicalize() else { continue };
         let Ok(inside) = place.strip_prefix(&folder) else { continue };

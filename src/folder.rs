@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
+use crate::meshing::LitMesh;
 use crate::post::{Layer, Lightmap};
 use crate::probe::LightProbes;
 use crate::progress::Progress;
@@ -40,7 +41,10 @@ pub fn page_uris(encoded: &[Encoded]) -> Vec<String> {
     encoded.iter().min_by_key(rank).map(|e| e.uris.clone()).unwrap_or_default()
 }
 
-/// Writes the pages, GLBs and the USD layer of a bake into a staging folder.
+/// What writes a USD layer.
+type LayerWriter = fn(&Path, &Baked) -> Result<Warnings>;
+
+/// Writes the pages, GLBs and the USD layers of a bake into a staging folder.
 ///
 /// # Errors
 /// Those of the writers, and `Cancelled`; nothing is left in the output folder then.
@@ -66,25 +70,32 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
         };
         glbs.push((*profile, staging.path(file)?));
     }
-    let layer = match baked.source {
-        Source::Usd(_) => Some(staging.path(format!("{}.lumel.usda", stem(scene)))?),
-        _ => None,
-    };
+    let mut layers: Vec<(LayerWriter, PathBuf)> = Vec::new();
+    if let Source::Usd(_) = baked.source {
+        layers.push((usd::write, staging.path(format!("{}.lumel.usda", stem(scene)))?));
+        if baked.vertices.is_some_and(|v| !v.surfaces.iter().all(LitMesh::is_given)) {
+            layers.push((usd::write_refined, staging.path(format!("{}.vertex.usda", stem(scene)))?));
+        }
+    }
     let write_glb = |(profile, path): &(GltfProfile, PathBuf)| {
         progress.check()?;
         gltf::write(path, baked, *profile)
     };
-    let (of_pages, (of_glbs, of_layer)) = rayon::join(
+    let write_layer = |(write, path): &(LayerWriter, PathBuf)| {
+        progress.check()?;
+        write(path, baked)
+    };
+    let (of_pages, (of_glbs, of_layers)) = rayon::join(
         || write_pages(baked, &pages, settings, progress),
         || {
             rayon::join(
                 || glbs.par_iter().map(write_glb).collect::<Result<Vec<Warnings>>>(),
-                || layer.as_ref().map(|path| usd::write(path, baked)).transpose(),
+                || layers.par_iter().map(write_layer).collect::<Result<Vec<Warnings>>>(),
             )
         },
     );
     warnings.extend(of_pages?);
-    of_glbs?.into_iter().chain(of_layer?).for_each(|of_file| warnings.extend(of_file));
+    of_glbs?.into_iter().chain(of_layers?).for_each(|of_file| warnings.extend(of_file));
     Ok(staging)
 }
 

@@ -330,6 +330,7 @@ fn finish(
         quantity: settings.quantity,
         page_uris: &page_uris,
         encoded: &encoded,
+        vertex_colors: settings.vertex_colors,
         lightmap_extension: settings.gltf_lightmap_ext,
         folder,
         lights: settings.lights,

@@ -27,7 +27,7 @@ use crate::unwrap::{Density, DensityVolume, PageSizes, UnwrapParams, Unwrapper, 
 use crate::view_factors::{self, ViewFactorParams};
 use crate::write::encode::Encoding;
 use crate::write::engines::{Engine, LightmapExtension};
-use crate::write::{BakedLights, GltfProfile};
+use crate::write::{BakedLights, GltfProfile, VertexColors};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -144,6 +144,8 @@ pub struct Settings {
     pub environment: Option<PathBuf>,
     /// Forms of the GLB; none: engine and vertex.
     pub gltf: Option<Vec<GltfProfile>>,
+    /// Form of the vertex GLB's `COLOR_0`.
+    pub vertex_colors: VertexColors,
     /// Extension by which the engine GLB names its pages, besides its extras.
     pub gltf_lightmap_ext: Option<LightmapExtension>,
     /// How meshes with vertex colours follow the light.

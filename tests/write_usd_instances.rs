@@ -210,6 +210,7 @@ fn layer_over(input: &Path, folder: &Path, options: &LoadOptions) {
         vertices: Some(&VertexLight { surfaces: colors.map(LitMesh::given).collect() }),
         page_uris: &["lightmaps/scene_0.exr".to_string()],
         encoded: &[],
+        vertex_colors: Default::default(),
         lightmap_extension: None,
         folder,
         lights: BakedLights::Mark,

@@ -10,9 +10,9 @@ use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::PageSizes;
-use crate::write::GltfProfile;
 use crate::write::encode::Encoding;
 use crate::write::engines::LightmapExtension;
+use crate::write::{GltfProfile, VertexColors};
 
 /// Levels of subdivision, at most: each has four times the faces of the one before.
 const MOST_SUBDIVISION: u32 = 8;
@@ -102,6 +102,11 @@ impl Settings {
                 !is_cut && self.max_triangles.is_some(),
                 "max-triangles",
                 "is about meshes that follow the light; choose the mesh adaptive or discontinuity",
+            ),
+            (
+                self.vertex_colors != VertexColors::Float && !has_vertex_glb,
+                "vertex-colors",
+                "is for the GLB vertex, which gltf leaves out; add vertex to it",
             ),
             (
                 extension.is_some() && !has_engine_glb,

@@ -1,5 +1,6 @@
 //! Results to files: pages as EXR and in the forms of engines, GLBs, a USD layer, NPZ. Each file is complete or absent.
 
+mod blend;
 pub mod dump;
 pub mod encode;
 pub mod engines;
@@ -7,7 +8,9 @@ pub mod exr;
 pub mod gltf;
 pub mod npz;
 pub mod output;
+mod pieces;
 pub mod probes;
+mod split;
 pub mod usd;
 pub mod view_factors;
 pub mod watch;
@@ -37,6 +40,8 @@ pub struct Baked<'a> {
     pub page_uris: &'a [String],
     /// All forms of the pages.
     pub encoded: &'a [Encoded],
+    /// The form of the vertex GLB's `COLOR_0`.
+    pub vertex_colors: VertexColors,
     /// By what extension the engine GLB names pages, besides its extras.
     pub lightmap_extension: Option<LightmapExtension>,
     /// The output folder.
@@ -65,4 +70,17 @@ pub enum GltfProfile {
     Engine,
     /// Baked vertex colours, unlit.
     Vertex,
+}
+
+/// Form of `COLOR_0` in the vertex GLB: the light over the file's `vertexScale`, linear, 0..=1. Its `_IRRADIANCE` is always float.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VertexColors {
+    /// 8 bits a channel, 4 bytes a vertex: steps of 1/255 of the brightest light show in dark places.
+    U8,
+    /// 16 bits a channel, 8 bytes a vertex.
+    U16,
+    /// 32-bit floats, 12 bytes a vertex, or 16 with alpha.
+    #[default]
+    Float,
 }

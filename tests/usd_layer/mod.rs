@@ -127,6 +127,7 @@ impl Bake {
             vertices: Some(&self.vertices),
             page_uris: &page_uris,
             encoded: &[],
+            vertex_colors: Default::default(),
             lightmap_extension: None,
             folder: &self.folder.join("room_baked"),
             lights: self.lights,

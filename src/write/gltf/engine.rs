@@ -2,13 +2,14 @@
 
 use super::accessor::Elements;
 use super::document::{Document, Object, index};
-use super::primitive::{Group, material_indices, primitive_json, set_attribute, split_mesh, triangles_by_part};
+use super::primitive::{Group, material_indices, primitive_json, set_attribute, split_mesh};
 use super::{extras, instances, nodes};
 use crate::error::{Result, Warnings};
 use crate::scene::Mesh;
 use crate::write::Baked;
+use crate::write::pieces::Pieces;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The surfaces and the node of each use of a mesh of the document as a mesh of the scene.
 type Uses = BTreeMap<(usize, usize), Vec<(Vec<usize>, usize)>>;
@@ -79,7 +80,7 @@ fn write_mesh(
         warnings.add(&loaded.name, format!("{name}, which no texture reads, was replaced by the lightmap UVs"));
     }
     let corners: Vec<[[f32; 2]; 3]> = uvs.corners.iter().map(|c| c.map(|uv| uv.to_array())).collect();
-    for group in split_mesh(doc, mesh, loaded, &corners)? {
+    for group in split_mesh(doc, mesh, loaded, &Pieces::whole(&corners))? {
         write_uvs(doc, mesh, &group, set)?;
     }
     Ok(set)
@@ -105,10 +106,11 @@ fn write_uvs(doc: &mut Document, mesh: usize, group: &Group<2>, set: usize) -> R
 
 /// The first set from 1 on that no primitive has, or has without a texture that reads it (lightmap UVs of an earlier bake).
 fn free_set(doc: &Document, mesh: usize, loaded: &Mesh) -> Result<usize> {
+    let primitives: BTreeSet<usize> = loaded.origin.iter().map(|origin| origin.part as usize).collect();
     let mut set = 1;
     loop {
         let mut taken = false;
-        for primitive in triangles_by_part(loaded).into_keys() {
+        for &primitive in &primitives {
             let primitive = primitive_json(doc, mesh, primitive)?;
             let there = primitive.get("attributes").is_some_and(|a| a.get(format!("TEXCOORD_{set}")).is_some());
             taken |= there && is_read(doc, primitive, set);

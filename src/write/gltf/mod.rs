@@ -11,12 +11,12 @@ mod document;
 mod engine;
 mod extras;
 mod import;
+mod influences;
 mod instances;
 mod lightmap_ext;
 mod primitive;
 mod radiance;
 mod scene;
-mod split;
 mod viewer_colors;
 
 use super::Baked;

@@ -1,14 +1,19 @@
 //! Primitives that gain a value at each triangle corner: vertices are copied where a corner needs its own, with everything
-//! that they hold.
+//! that they hold, and triangles that were cut give way to their pieces, whose new vertices are blends of the triangle's.
+//!
+//! Vertices are blended as they rest; skins and morph targets move what was blended as they move its sources: morph targets and
+//! influences of joints are blended by the same weights. Both sides of an edge move alike.
 //!
 //! Exporters often let primitives share their vertices and differ in indices alone. Such primitives are a group here, and
 //! share the new vertices too.
 
-use super::accessor::{self, Elements};
+use super::accessor::{self, Blending, Elements};
 use super::document::{Document, Object, index};
-use super::split::split;
+use super::influences;
 use crate::error::{Error, Result};
 use crate::scene::Mesh;
+use crate::write::pieces::Pieces;
+use crate::write::split::{Sources, Vertices, split};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -23,18 +28,25 @@ pub struct Group<const N: usize> {
 pub struct Part {
     /// Index of the primitive in its mesh.
     pub primitive: usize,
-    /// Its triangles over the group's vertices.
+    /// Its triangles over the group's vertices, in the order of the source.
     pub triangles: Vec<[u32; 3]>,
-    /// The scene mesh's triangle that each of them is; `None` where the loader left it out.
-    pub scene_triangles: Vec<Option<usize>>,
+    /// The piece that each of them is; `None` where the loader left the triangle out.
+    pub pieces: Vec<Option<usize>>,
 }
 
-/// A primitive, and the values at the corners of its triangles; `None` for those that the loader left out.
-type Valued<const N: usize> = (Part, Vec<Option<[[f32; N]; 3]>>);
+/// Primitives over one list of vertices, before these have one value each.
+struct Shared<const N: usize> {
+    /// What primitives must have in common to share vertices: attributes and morph targets.
+    key: Object,
+    vertices: Vertices,
+    parts: Vec<Part>,
+    /// The values at the corners of the parts' triangles; none for those that the loader left out.
+    corners: Vec<Option<[[f32; N]; 3]>>,
+}
 
-/// Gives the vertices of mesh `mesh` of the document one value each, from `corners`: a value for each corner of the
-/// triangles of `scene_mesh`, which was loaded from it. Rewrites attributes, morph targets and indices where vertices had
-/// to be copied. Primitives that the loader left out stay as they are.
+/// Gives the vertices of mesh `mesh` of the document one value each, from `pieces` of the triangles of `scene_mesh`, which was
+/// loaded from it. Rewrites attributes, morph targets and indices where vertices had to be copied or triangles were cut.
+/// Primitives that the loader left out stay as they are.
 ///
 /// # Errors
 /// `Invalid` where the document is broken, `Unsupported` where it is compressed.
@@ -42,12 +54,11 @@ pub fn split_mesh<const N: usize>(
     doc: &mut Document,
     mesh: usize,
     scene_mesh: &Mesh,
-    corners: &[[[f32; N]; 3]],
+    pieces: &Pieces<N>,
 ) -> Result<Vec<Group<N>>> {
-    let mut groups: Vec<(Object, Vec<Valued<N>>)> = Vec::new();
-    for (primitive, triangles) in triangles_by_part(scene_mesh) {
+    let mut groups: Vec<Shared<N>> = Vec::new();
+    for (primitive, own) in pieces_by_part(scene_mesh, pieces) {
         let json = primitive_json(doc, mesh, primitive)?;
-        // What primitives must have in common to share vertices.
         let key: Object = json
             .iter()
             .filter(|(k, _)| *k == "attributes" || *k == "targets")
@@ -55,44 +66,72 @@ pub fn split_mesh<const N: usize>(
             .collect();
         let faces = faces(doc, json)?;
         let place = format!("{}: meshes[{mesh}].primitives[{primitive}]", doc.place);
-        let mut part = Part { primitive, scene_triangles: vec![None; faces.len()], triangles: faces };
-        let mut values = vec![None; part.triangles.len()];
-        for t in triangles {
-            let origin = scene_mesh.origin[t];
-            let face = part.triangles.get(origin.face as usize);
-            let value = face.and_then(|face| by_vertex(face, &origin.corners, &corners[t]));
-            let value =
-                value.ok_or_else(|| Error::invalid(&place, "doesn't hold the triangles that were loaded from it"))?;
-            values[origin.face as usize] = Some(value);
-            part.scene_triangles[origin.face as usize] = Some(t);
+        let group = match groups.iter().position(|group| group.key == key) {
+            Some(known) => &mut groups[known],
+            None => {
+                let vertices = Vertices::new(vertex_count(doc, mesh, &key)?);
+                groups.push(Shared { key, vertices, parts: Vec::new(), corners: Vec::new() });
+                groups.last_mut().expect("just pushed")
+            }
+        };
+        if faces.iter().flatten().any(|v| *v as usize >= group.vertices.own()) {
+            return Err(Error::invalid(&place, "has indices out of range; export the file again"));
         }
-        match groups.iter_mut().find(|(k, _)| *k == key) {
-            Some((_, parts)) => parts.push((part, values)),
-            None => groups.push((key, vec![(part, values)])),
+        let part = cut(primitive, &faces, scene_mesh, pieces, own, group)
+            .ok_or_else(|| Error::invalid(&place, "doesn't hold the triangles that were loaded from it"))?;
+        group.parts.push(part);
+    }
+    groups.into_iter().map(|group| split_group(doc, mesh, group)).collect()
+}
+
+/// The number of vertices that the attributes of `key` have.
+fn vertex_count(doc: &Document, mesh: usize, key: &Object) -> Result<usize> {
+    let broken = || Error::invalid(&doc.place, format!("meshes[{mesh}] has no POSITION; export the file again"));
+    let positions = key.get("attributes").and_then(Value::as_object).and_then(|a| index(a, "POSITION"));
+    index(doc.item("accessors", positions.ok_or_else(broken)?)?, "count").ok_or_else(broken)
+}
+
+/// The triangles `faces` of a primitive, those that were cut as their pieces, whose corners are added to `group`; `own` are the
+/// primitive's pieces, by index. `None` where they don't belong to `faces`.
+fn cut<const N: usize>(
+    primitive: usize,
+    faces: &[[u32; 3]],
+    scene_mesh: &Mesh,
+    pieces: &Pieces<N>,
+    mut own: Vec<usize>,
+    group: &mut Shared<N>,
+) -> Option<Part> {
+    let origin = |piece: usize| &scene_mesh.origin[pieces.source(piece)];
+    own.sort_by_key(|piece| origin(*piece).face);
+    let mut part =
+        Part { primitive, triangles: Vec::with_capacity(faces.len()), pieces: Vec::with_capacity(faces.len()) };
+    let mut rest = own.as_slice();
+    for (number, face) in faces.iter().enumerate() {
+        let count = rest.iter().take_while(|piece| origin(**piece).face as usize == number).count();
+        let (of_face, others) = rest.split_at(count);
+        rest = others;
+        if of_face.is_empty() {
+            part.triangles.push(*face);
+            part.pieces.push(None);
+            group.corners.push(None);
+        }
+        for &piece in of_face {
+            let corners = origin(piece).corners;
+            let order = order(face, &corners)?;
+            let vertices = pieces.face(piece, scene_mesh, corners, &mut group.vertices);
+            part.triangles.push(order.map(|k| vertices[k]));
+            part.pieces.push(Some(piece));
+            group.corners.push(Some(order.map(|k| pieces.values[piece][k])));
         }
     }
-    groups.into_iter().map(|(key, parts)| split_group(doc, mesh, &key, parts)).collect()
+    rest.is_empty().then_some(part)
 }
 
 /// Splits the vertices of one group and rewrites its primitives where that changed anything.
-fn split_group<const N: usize>(
-    doc: &mut Document,
-    mesh: usize,
-    key: &Object,
-    parts: Vec<Valued<N>>,
-) -> Result<Group<N>> {
-    let broken = || Error::invalid(&doc.place, format!("meshes[{mesh}] has no POSITION; export the file again"));
-    let positions = key.get("attributes").and_then(Value::as_object).and_then(|a| index(a, "POSITION"));
-    let count = index(doc.item("accessors", positions.ok_or_else(broken)?)?, "count").ok_or_else(broken)?;
-    let (parts, values): (Vec<Part>, Vec<_>) = parts.into_iter().unzip();
+fn split_group<const N: usize>(doc: &mut Document, mesh: usize, group: Shared<N>) -> Result<Group<N>> {
+    let Shared { key, vertices, parts, corners } = group;
     let triangles: Vec<[u32; 3]> = parts.iter().flat_map(|p| p.triangles.iter().copied()).collect();
-    if triangles.iter().flatten().any(|v| *v as usize >= count) {
-        return Err(Error::invalid(
-            &doc.place,
-            format!("meshes[{mesh}] has indices out of range; export the file again"),
-        ));
-    }
-    let split = split(count, &triangles, &values.concat());
+    let split = split(vertices, &triangles, &corners);
     let mut rest = split.triangles.as_slice();
     let mut group = Group { values: split.values, parts };
     for part in &mut group.parts {
@@ -101,12 +140,12 @@ fn split_group<const N: usize>(
         rest = others;
     }
     if split.changed {
-        let mut vertices = Vertices { doc, sources: &split.sources, copies: BTreeMap::new() };
-        let attributes = vertices.copy_all(key.get("attributes").unwrap_or(&Value::Null))?;
+        let mut vertices = Copies { doc, sources: &split.sources, copies: BTreeMap::new() };
+        let attributes = vertices.copy_attributes(key.get("attributes").unwrap_or(&Value::Null))?;
         let targets = key
             .get("targets")
             .and_then(Value::as_array)
-            .map(|targets| targets.iter().map(|t| vertices.copy_all(t)).collect::<Result<Vec<_>>>());
+            .map(|targets| targets.iter().map(|t| vertices.copy_target(t)).collect::<Result<Vec<_>>>());
         let targets = targets.transpose()?;
         for part in &group.parts {
             let indices = accessor::push_triangles(doc, &part.triangles, group.values.len());
@@ -124,36 +163,74 @@ fn split_group<const N: usize>(
     Ok(group)
 }
 
-/// Copies of accessors in a new order; each accessor is copied once.
-struct Vertices<'a> {
+/// Copies of accessors for new vertices; each accessor is copied once for each way to blend it.
+struct Copies<'a> {
     doc: &'a mut Document,
-    sources: &'a [u32],
-    copies: BTreeMap<usize, usize>,
+    sources: &'a Sources,
+    copies: BTreeMap<(usize, Blending), usize>,
 }
 
-impl Vertices<'_> {
+impl Copies<'_> {
     /// The attributes `attributes` (names to accessors), with copied accessors.
-    fn copy_all(&mut self, attributes: &Value) -> Result<Value> {
-        let attributes = attributes.as_object().cloned().unwrap_or_default();
-        let copied = attributes.into_iter().map(|(name, value)| {
+    fn copy_attributes(&mut self, attributes: &Value) -> Result<Value> {
+        let attributes = self.named(attributes)?;
+        let mut copied = if self.sources.are_given() {
+            BTreeMap::new()
+        } else {
+            influences::write(self.doc, &attributes, self.sources)?
+        };
+        let copy = |(name, accessor): (String, usize)| {
+            let copy = match copied.remove(&name) {
+                Some(copy) => copy,
+                None => self.copy(accessor, |elements| blending(&name, elements))?,
+            };
+            Ok((name, Value::from(copy)))
+        };
+        Ok(Value::Object(attributes.into_iter().map(copy).collect::<Result<_>>()?))
+    }
+
+    /// The same for a morph target: what it adds is blended, whatever it is added to.
+    fn copy_target(&mut self, target: &Value) -> Result<Value> {
+        let target = self.named(target)?;
+        let copy = |(name, accessor)| Ok((name, Value::from(self.copy(accessor, |_| Blending::Linear)?)));
+        Ok(Value::Object(target.into_iter().map(copy).collect::<Result<_>>()?))
+    }
+
+    /// Names and accessors of `attributes`.
+    fn named(&self, attributes: &Value) -> Result<Vec<(String, usize)>> {
+        let named = attributes.as_object().into_iter().flatten().map(|(name, value)| {
             let accessor = value.as_u64().and_then(|a| usize::try_from(a).ok());
             let accessor =
                 accessor.ok_or_else(|| Error::invalid(&self.doc.place, format!("{name} names no accessor")))?;
-            Ok((name, Value::from(self.copy(accessor)?)))
+            Ok((name.clone(), accessor))
         });
-        Ok(Value::Object(copied.collect::<Result<_>>()?))
+        named.collect()
     }
 
-    fn copy(&mut self, accessor: usize) -> Result<usize> {
-        if let Some(copy) = self.copies.get(&accessor) {
+    fn copy(&mut self, accessor: usize, blending: impl Fn(&Elements) -> Blending) -> Result<usize> {
+        let elements = accessor::read(self.doc, accessor)?;
+        let blending = blending(&elements);
+        if let Some(copy) = self.copies.get(&(accessor, blending)) {
             return Ok(*copy);
         }
-        let elements = accessor::read(self.doc, accessor)?.gather(self.sources).ok_or_else(|| {
+        let elements = elements.gather(self.sources, blending).ok_or_else(|| {
             Error::invalid(&self.doc.place, format!("accessors[{accessor}] is too short; export the file again"))
         })?;
         let copy = elements.push(self.doc);
-        self.copies.insert(accessor, copy);
+        self.copies.insert((accessor, blending), copy);
         Ok(copy)
+    }
+}
+
+/// How attribute `name` is blended. Integers of an application's own that don't stand for fractions are taken for names of
+/// things, as feature ids are (EXT_mesh_features).
+fn blending(name: &str, elements: &Elements) -> Blending {
+    let is_own = name.starts_with('_');
+    match name {
+        "NORMAL" | "TANGENT" => Blending::Direction,
+        _ if name.starts_with("_FEATURE_ID_") || name.starts_with("JOINTS_") => Blending::Strongest,
+        _ if is_own && !elements.is_float() && !elements.is_normalized() => Blending::Strongest,
+        _ => Blending::Linear,
     }
 }
 
@@ -196,11 +273,11 @@ fn missing(place: &str, mesh: usize, primitive: usize) -> Error {
     Error::invalid(place, format!("meshes[{mesh}].primitives[{primitive}] is missing; export the file again"))
 }
 
-/// The triangles of a scene mesh by the primitive that they came from.
-pub fn triangles_by_part(mesh: &Mesh) -> BTreeMap<usize, Vec<usize>> {
+/// The pieces of a scene mesh's triangles by the primitive that these came from.
+fn pieces_by_part<const N: usize>(mesh: &Mesh, pieces: &Pieces<N>) -> BTreeMap<usize, Vec<usize>> {
     let mut parts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (t, origin) in mesh.origin.iter().enumerate() {
-        parts.entry(origin.part as usize).or_default().push(t);
+    for piece in 0..pieces.len() {
+        parts.entry(mesh.origin[pieces.source(piece)].part as usize).or_default().push(piece);
     }
     parts
 }
@@ -226,10 +303,10 @@ fn faces(doc: &Document, primitive: &Object) -> Result<Vec<[u32; 3]>> {
     })
 }
 
-/// The values of `corners` (vertices of one triangle, in any order) in the order of `face`.
-fn by_vertex<T: Copy>(face: &[u32; 3], corners: &[u32; 3], values: &[T; 3]) -> Option<[T; 3]> {
-    let value = |v: u32| corners.iter().position(|c| *c == v).map(|k| values[k]);
-    Some([value(face[0])?, value(face[1])?, value(face[2])?])
+/// Where the vertices of `face` stand among `corners`, those of the same triangle in any order.
+fn order(face: &[u32; 3], corners: &[u32; 3]) -> Option<[usize; 3]> {
+    let place = |v: u32| corners.iter().position(|c| *c == v);
+    Some([place(face[0])?, place(face[1])?, place(face[2])?])
 }
 
 /// Appends `elements`, one a vertex of `group`, and sets them as attribute `name` of its primitives.

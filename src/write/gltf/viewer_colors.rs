@@ -6,7 +6,7 @@ use super::primitive::{Group, material_indices, primitive_json, primitive_json_m
 use super::radiance::{CornerValue, SurfaceLight};
 use super::{extras, instances, nodes};
 use crate::error::{Result, Warnings};
-use crate::write::Baked;
+use crate::write::{Baked, VertexColors};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -49,13 +49,13 @@ pub fn write(doc: &mut Document, baked: &Baked, lights: &[SurfaceLight], warning
         doc.item_mut("nodes", node)?.insert("mesh".into(), target.into());
         let scene_mesh = &baked.scene.meshes[baked.scene.surfaces[surface].mesh];
         let light = &lights[surface];
-        for group in split_mesh(doc, target, scene_mesh, &light.corners)? {
-            write_colors(doc, target, &group)?;
+        for group in split_mesh(doc, target, scene_mesh, &light.pieces())? {
+            write_colors(doc, target, &group, baked.vertex_colors)?;
             for part in &group.parts {
                 // Triangles that the loader left out can't be seen; they go where no primitive has to be cut for them.
-                let all = part.scene_triangles.iter().flatten().all(|t| light.whole[*t]);
-                let whole = |t: &Option<usize>| t.map_or(all, |t| light.whole[t]);
-                let whole: Vec<bool> = part.scene_triangles.iter().map(whole).collect();
+                let all = part.pieces.iter().flatten().all(|piece| light.whole[*piece]);
+                let whole = |piece: &Option<usize>| piece.map_or(all, |piece| light.whole[piece]);
+                let whole: Vec<bool> = part.pieces.iter().map(whole).collect();
                 write_materials(doc, target, part.primitive, &part.triangles, &whole, group.values.len(), &mut whites)?;
             }
         }
@@ -63,18 +63,23 @@ pub fn write(doc: &mut Document, baked: &Baked, lights: &[SurfaceLight], warning
     Ok(())
 }
 
-/// `COLOR_0` with alpha where there is any, and `_IRRADIANCE`.
-pub fn color_attributes(values: &[CornerValue]) -> [(&'static str, Elements); 2] {
-    let colors = if values.iter().all(|v| v[3] == 1.0 || v[..4] == [0.0; 4]) {
-        Elements::floats(values.iter().map(|v| [v[0], v[1], v[2]]))
-    } else {
-        Elements::floats(values.iter().map(|v| [v[0], v[1], v[2], v[3]]))
+/// `COLOR_0` in the form `form`, and `_IRRADIANCE`. Floats have alpha where there is any; integers have it always, as GPUs have no
+/// formats of three of them, and attributes start at multiples of 4 bytes.
+pub fn color_attributes(values: &[CornerValue], form: VertexColors) -> [(&'static str, Elements); 2] {
+    let is_opaque = values.iter().all(|v| v[3] == 1.0 || v[..4] == [0.0; 4]);
+    // What no triangle uses has no alpha of its own.
+    let rgba = |v: &CornerValue| [v[0], v[1], v[2], if is_opaque { 1.0 } else { v[3] }];
+    let colors = match form {
+        VertexColors::U8 => Elements::normalized_u8(values.iter().map(rgba)),
+        VertexColors::U16 => Elements::normalized_u16(values.iter().map(rgba)),
+        VertexColors::Float if is_opaque => Elements::floats(values.iter().map(|v| [v[0], v[1], v[2]])),
+        VertexColors::Float => Elements::floats(values.iter().map(|v| [v[0], v[1], v[2], v[3]])),
     };
     [("COLOR_0", colors), ("_IRRADIANCE", Elements::floats(values.iter().map(|v| [v[4], v[5], v[6]])))]
 }
 
-fn write_colors(doc: &mut Document, mesh: usize, group: &Group<7>) -> Result<()> {
-    let attributes = color_attributes(&group.values);
+fn write_colors(doc: &mut Document, mesh: usize, group: &Group<7>, form: VertexColors) -> Result<()> {
+    let attributes = color_attributes(&group.values, form);
     attributes.iter().try_for_each(|(name, elements)| set_group_attribute(doc, mesh, group, name, elements))
 }
 

@@ -24,6 +24,8 @@ pub struct Prim {
     pub is_class: bool,
     /// Writes `active = false`.
     pub inactive: bool,
+    /// Writes `instanceable = false`: prims below it are its own, and take opinions.
+    pub taken_apart: bool,
     /// Prims to inherit from, stronger than those of the input.
     pub inherits: Vec<String>,
     /// Another type than the input's.
@@ -96,10 +98,13 @@ impl Prim {
         let specifier = if self.is_class { "class" } else { "over" };
         let type_name = self.type_name.map(|name| format!("{name} ")).unwrap_or_default();
         write!(out, "{indent}{specifier} {type_name}{}", quoted(name))?;
-        if self.inactive || !self.inherits.is_empty() || !self.variants.is_empty() {
+        if self.inactive || self.taken_apart || !self.inherits.is_empty() || !self.variants.is_empty() {
             out.write_all(b" (\n")?;
             if self.inactive {
                 writeln!(out, "{indent}    active = false")?;
+            }
+            if self.taken_apart {
+                writeln!(out, "{indent}    instanceable = false")?;
             }
             if !self.inherits.is_empty() {
                 let paths: Vec<String> = self.inherits.iter().map(|p| format!("<{p}>")).collect();

@@ -25,13 +25,15 @@
 //! layer makes their prim a plain Mesh of the triangles that were baked ([`stand_in`]), which is all the geometry that it
 //! has. Variants that were chosen for the bake are chosen in the layer too.
 //!
-//! Baked colours differ between instances that share their primvars, so they are left out there.
+//! Baked colours differ between instances that share their primvars, so they are left out there. A mesh that was cut for the light
+//! is whole in this layer, and has the light at its own vertices. The pieces are in a layer of their own ([`refined`]).
 
 mod input;
 mod instances;
 mod layer;
 mod metadata;
 mod primvars;
+mod refined;
 mod stand_in;
 mod surfaces;
 
@@ -58,13 +60,30 @@ const STACK: usize = 512 << 20;
 /// `Invalid` where the source is no USD stage or can't be read again, `Unsupported` where a file's name can't be written as
 /// an asset path, `Io` where the layer can't be written.
 pub fn write(path: &Path, baked: &Baked) -> Result<Warnings> {
+    on_thread(path, baked, write_layer)
+}
+
+/// Writes the layer of meshes that were cut for the light to `path`: see [`refined`].
+///
+/// # Errors
+/// As [`write`].
+pub fn write_refined(path: &Path, baked: &Baked) -> Result<Warnings> {
+    on_thread(path, baked, refined::write)
+}
+
+/// Writes with `write`, on a thread with stack enough.
+fn on_thread(
+    path: &Path,
+    baked: &Baked,
+    write: impl Fn(&Path, &UsdSource, &Baked) -> Result<Warnings> + Sync,
+) -> Result<Warnings> {
     let Source::Usd(source) = baked.source else {
         return Err(Error::invalid(path.display(), "is a layer for a USD input, and the input is none"));
     };
     // The openusd crate recurses over the namespace and may panic on a broken file; the loader guards itself alike.
     let writer = std::thread::Builder::new().name("usd writer".into()).stack_size(STACK);
     std::thread::scope(|scope| {
-        let handle = writer.spawn_scoped(scope, || write_layer(path, source, baked));
+        let handle = writer.spawn_scoped(scope, || write(path, source, baked));
         let failed = || Error::invalid(source.path.display(), "could not be read again; check it with usdchecker");
         handle.map_err(|e| Error::io(path, e))?.join().map_err(|_| failed())?
     })
@@ -78,14 +97,18 @@ fn write_layer(path: &Path, source: &UsdSource, baked: &Baked) -> Result<Warning
     metadata::copy(&mut layer, input.stage.root_layer().data(), &sublayer, baked, &mut warnings)?;
     let mut instances = surfaces::author(baked, &mut input, &mut layer, &mut warnings)?;
     mark_lights(baked, &mut input, &mut instances, &mut layer, &mut warnings);
+    save(path, source, layer)?;
+    Ok(warnings)
+}
+
+/// Chooses the variants of the bake and writes the layer.
+fn save(path: &Path, source: &UsdSource, mut layer: Layer) -> Result<()> {
     for selection in &source.variants {
         layer.prim(&selection.prim).variants.insert(selection.set.clone(), selection.name.clone());
     }
-
     let io = |e| Error::io(path, e);
     let mut out = BufWriter::new(File::create(path).map_err(io)?);
-    layer.write(&mut out).and_then(|()| out.flush()).map_err(io)?;
-    Ok(warnings)
+    layer.write(&mut out).and_then(|()| out.flush()).map_err(io)
 }
 
 /// Marks or deactivates every light that is in the bake: wholly baked ones as baked, those of which indirect light alone is baked by

@@ -1,4 +1,5 @@
-//! A Mesh in place of a gprim whose faces are not its own: an implicit shape, or a subdivision surface that was refined.
+//! A Mesh in place of a gprim whose faces are not its own: an implicit shape, a subdivision surface that was refined, or a mesh that
+//! was cut for the light.
 //!
 //! It stands at the same path, so transform, material, purpose and the rest of what is said about the prim still hold. It has
 //! the triangles that were baked, their normals and UVs, and the material subsets cut to them. Primvars that vary over the
@@ -9,31 +10,53 @@ use super::input::Input;
 use super::layer::{Attribute, Layer, Prim as Opinions, array, tuple};
 use super::primvars;
 use crate::error::Warnings;
-use crate::scene::Mesh;
+use crate::scene::{Mesh, TriangleOrigin};
 use glam::Vec3;
 use openusd::tf::Token;
 use openusd::usd::Prim;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
 
-/// Makes the prim at `site` of the layer, an opinion on `prim`, the Mesh `mesh`.
+/// Makes the prim at `site` of the layer, an opinion on `prim`, the Mesh `mesh`, as it can't hold what was baked.
 pub fn author(prim: &Prim, mesh: &Mesh, site: &str, input: &Input, layer: &mut Layer, warnings: &mut Warnings) {
-    let subsets = subsets(prim, mesh, input);
+    let message =
+        "can't hold lightmap UVs over faces of its own; in the layer a Mesh of the baked triangles takes its place";
+    warnings.add(prim.path(), message);
+    place(prim, mesh, true, site, input, layer, warnings);
+}
+
+/// Makes the prim at `site` of the layer, an opinion on `prim`, the Mesh `mesh`; `is_remade`: of faces that are not those of the
+/// prim, or else of pieces of these.
+pub fn place(
+    prim: &Prim,
+    mesh: &Mesh,
+    is_remade: bool,
+    site: &str,
+    input: &Input,
+    layer: &mut Layer,
+    warnings: &mut Warnings,
+) {
+    let subsets = subsets(prim, mesh, is_remade, input);
     let blocked = blocked(prim, mesh);
-    if !blocked.is_empty() {
+    let lost: Vec<&str> = blocked.iter().map(String::as_str).filter(|name| *name != "normals").collect();
+    if !lost.is_empty() {
         let message = "has primvars over faces that the Mesh in its place doesn't have; they were left out";
-        warnings.add(format!("{} ({})", prim.path(), blocked.join(", ")), message);
+        warnings.add(format!("{} ({})", prim.path(), lost.join(", ")), message);
     }
     let is_skinned = prim.attribute("primvars:skel:jointIndices").has_authored_value().unwrap_or(false);
     if is_skinned {
         warnings.add(prim.path(), "was refined in its pose: the Mesh in its place no longer moves with its skeleton");
     }
-    let message =
-        "can't hold lightmap UVs over faces of its own; in the layer a Mesh of the baked triangles takes its place";
-    warnings.add(prim.path(), message);
     let over = layer.prim(site);
     over.type_name = Some("Mesh");
     shape(over, mesh);
+    // Of as many as the prim's own points.
+    let of_points = [("vector3f[]", "velocities"), ("vector3f[]", "accelerations"), ("normal3f[]", "normals")];
+    for (type_name, name) in of_points.into_iter().filter(|(_, name)| *name != "normals" || mesh.normals.is_empty()) {
+        if prim.attribute(name).has_authored_value().unwrap_or(false) {
+            over.set(Attribute::of_schema(type_name, name, "None".into()));
+        }
+    }
     for name in blocked {
         let type_name = prim.attribute(format!("primvars:{name}")).type_name().ok().flatten();
         // Another type than the input's would be an error of its own.
@@ -174,13 +197,14 @@ fn known_type(name: &str) -> Option<&'static str> {
 }
 
 /// The triangles of `mesh` that lie in the faces of each GeomSubset of `prim`.
-fn subsets(prim: &Prim, mesh: &Mesh, input: &Input) -> BTreeMap<String, Vec<u32>> {
+fn subsets(prim: &Prim, mesh: &Mesh, is_remade: bool, input: &Input) -> BTreeMap<String, Vec<u32>> {
     let children = prim.children().unwrap_or_default();
     let subsets = children.iter().filter(|c| c.type_name().ok().flatten().is_some_and(|t| t == "GeomSubset"));
     let of_subset = |subset: &Prim| {
         let faces: Vec<i32> = input.value(&subset.attribute("indices")).unwrap_or_default();
         let faces: HashSet<u32> = faces.into_iter().filter_map(|f| u32::try_from(f).ok()).collect();
-        let triangles = mesh.origin.iter().enumerate().filter(|(_, origin)| faces.contains(&origin.part));
+        let face = |origin: &TriangleOrigin| if is_remade { origin.part } else { origin.face };
+        let triangles = mesh.origin.iter().enumerate().filter(|(_, origin)| faces.contains(&face(origin)));
         let name = subset.path().as_str().rsplit('/').next().unwrap_or_default().to_owned();
         (name, triangles.map(|(t, _)| t as u32).collect())
     };

@@ -1,15 +1,22 @@
 //! Opinions on the lightmapped gprims, on the instances that hold them, and on point instancers.
 
-use super::input::Input;
+use super::input::{Input, Topology};
 use super::instances::{InstanceSurfaces, Instances};
 use super::layer::{self, Attribute, Layer, array, quoted, tuple};
 use super::metadata::page_path;
 use super::{primvars, stand_in};
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
+use crate::meshing::LitMesh;
 use crate::scene::SurfaceOrigin;
 use crate::write::Baked;
+use glam::DVec3;
+use openusd::usd::Prim;
 use std::collections::{BTreeMap, HashMap};
+
+/// The primvar that shows, and those that hold the light.
+pub const DISPLAY_COLOR: &str = "displayColor";
+const COLORS: [&str; 2] = ["lumel:irradiance", DISPLAY_COLOR];
 
 /// Says why there are no baked colours.
 const SHARED: &str = "lies below an instance, whose prims are shared, so it has no baked vertex colours in the layer";
@@ -288,25 +295,79 @@ impl Author<'_, '_> {
         let index = self.baked.scene.surfaces[surface].mesh;
         let mesh = &self.baked.scene.meshes[index];
         let Some(lit) = self.baked.vertices.and_then(|c| c.surfaces.get(surface)) else { return Vec::new() };
-        let colors: Vec<[Rgb; 3]> = lit.triangles.iter().map(|t| t.values).collect();
         let Some(prim) = self.input.prim(path) else { return Vec::new() };
         let Some(topology) = self.input.topology(&prim, index, mesh) else { return Vec::new() };
-        let mut attributes = Vec::new();
-        let mut add = |name: &str, baked: bool| {
-            let indices = prim.attribute(format!("primvars:{name}:indices"));
-            let was_indexed = indices.has_authored_value().unwrap_or(false);
-            let mut new = primvars::colors(name, &colors, &topology, was_indexed).unwrap_or_default();
-            if let Some(first) = new.first_mut() {
-                first.baked = baked;
-            }
-            attributes.append(&mut new);
-        };
-        add("lumel:irradiance", false);
-        if self.input.needs_display_color(&prim) {
+        let Some(colors) = at_vertices(lit, mesh.triangles.len()) else { return Vec::new() };
+        let shows_own = self.input.needs_display_color(&prim);
+        if shows_own {
             self.warnings.add(path, "has a look that depends on displayColor, which was left as it is");
-        } else {
-            add("displayColor", true);
         }
-        attributes
+        colors_at_corners(&prim, &colors, &topology, shows_own)
+    }
+}
+
+/// The light `colors` (three a triangle) as primvars of `prim`; `shows_own`: without displayColor.
+pub fn colors_at_corners(prim: &Prim, colors: &[[Rgb; 3]], topology: &Topology, shows_own: bool) -> Vec<Attribute> {
+    let mut attributes = Vec::new();
+    for name in COLORS.into_iter().filter(|name| !shows_own || *name != DISPLAY_COLOR) {
+        let indices = prim.attribute(format!("primvars:{name}:indices"));
+        let was_indexed = indices.has_authored_value().unwrap_or(false);
+        let mut new = primvars::colors(name, colors, topology, was_indexed).unwrap_or_default();
+        if let Some(first) = new.first_mut() {
+            first.baked = name == DISPLAY_COLOR;
+        }
+        attributes.append(&mut new);
+    }
+    attributes
+}
+
+/// The light at the corners of the `count` triangles of a mesh as it was given, whatever they were cut into: the mean over the
+/// pieces that have the corner. `None` where none has one.
+fn at_vertices(lit: &LitMesh, count: usize) -> Option<Vec<[Rgb; 3]>> {
+    if lit.is_given() {
+        return Some(lit.triangles.iter().map(|t| t.values).collect());
+    }
+    // In f64 the mean of equal values is that value.
+    let mut sums = vec![[(DVec3::ZERO, 0u32); 3]; count];
+    for piece in &lit.triangles {
+        for (place, value) in piece.corners.iter().zip(piece.values) {
+            if let Some(corner) = place.corner() {
+                let (sum, pieces) = &mut sums[piece.source as usize][corner];
+                *sum += value.as_dvec3();
+                *pieces += 1;
+            }
+        }
+    }
+    let is_whole = sums.iter().flatten().all(|(_, pieces)| *pieces > 0);
+    is_whole.then(|| sums.iter().map(|t| t.map(|(sum, pieces)| (sum / f64::from(pieces)).as_vec3())).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::meshing::{LitTriangle, Weights};
+
+    #[test]
+    fn a_given_vertex_has_the_light_that_it_has_in_the_pieces() {
+        let [a, b, c] = Weights::CORNERS;
+        let middle = Weights(DVec3::splat(1.0 / 3.0));
+        let values = [Rgb::splat(0.1), Rgb::splat(0.7), Rgb::splat(5.3)];
+        let piece = |corners, k: [usize; 2]| LitTriangle {
+            source: 0,
+            corners,
+            values: [values[k[0]], values[k[1]], Rgb::ZERO],
+        };
+        let mut lit = LitMesh {
+            triangles: vec![
+                piece([a, b, middle], [0, 1]),
+                piece([b, c, middle], [1, 2]),
+                piece([c, a, middle], [2, 0]),
+            ],
+        };
+        assert_eq!(at_vertices(&lit, 1), Some(vec![values]));
+        lit.triangles[0].values[0] = Rgb::splat(0.3);
+        assert_eq!(at_vertices(&lit, 1).unwrap()[0][0], Rgb::splat(0.2));
+        lit.triangles.truncate(1);
+        assert_eq!(at_vertices(&lit, 1), None);
     }
 }

@@ -2,10 +2,12 @@
 
 use super::super::accessor::{Elements, push_triangles};
 use super::super::document::{Document, Object, number};
-use super::super::split::split;
 use super::material::Materials;
 use crate::error::{Result, Warnings};
 use crate::scene::Mesh;
+use crate::write::blend::Blend;
+use crate::write::pieces::Pieces;
+use crate::write::split::{Vertices, split};
 use glam::{Affine3A, Vec3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -20,9 +22,9 @@ pub struct Source<'a> {
 pub type Attributes = Vec<(&'static str, Elements)>;
 
 impl Source<'_> {
-    /// Appends the mesh to `doc`, vertices copied where `corners` (a value for each corner) differ; returns its index.
-    /// `class` gives a triangle's material and whether the value is all that leaves it; `attributes` makes attributes of
-    /// the values.
+    /// Appends `pieces` of the mesh's triangles to `doc`, vertices copied where their values differ; returns the mesh's index.
+    /// `class` gives a piece's material and whether the value is all that leaves it; `attributes` makes attributes of the
+    /// values.
     ///
     /// # Errors
     /// Those of materials.
@@ -30,18 +32,23 @@ impl Source<'_> {
         &self,
         doc: &mut Document,
         materials: &mut Materials,
-        corners: &[[[f32; N]; 3]],
+        pieces: &Pieces<N>,
         class: impl Fn(usize) -> (u32, bool),
-        attributes: impl Fn(&[u32], &[[f32; N]]) -> Attributes,
+        attributes: impl Fn(&[[f32; N]]) -> Attributes,
         warnings: &mut Warnings,
     ) -> Result<usize> {
         let mut classes: BTreeMap<(u32, bool), Vec<usize>> = BTreeMap::new();
-        (0..self.mesh.triangles.len()).for_each(|t| classes.entry(class(t)).or_default().push(t));
+        (0..pieces.len()).for_each(|p| classes.entry(class(p)).or_default().push(p));
         let mut primitives = Vec::new();
-        for ((material, whole), triangles) in classes {
-            let faces: Vec<[u32; 3]> = triangles.iter().map(|t| self.mesh.triangles[*t]).collect();
-            let values: Vec<_> = triangles.iter().map(|t| Some(corners[*t])).collect();
-            let mut split = split(self.mesh.positions.len(), &faces, &values);
+        for ((material, whole), own) in classes {
+            let mut vertices = Vertices::new(self.mesh.positions.len());
+            let face = |p: &usize| {
+                let corners = self.mesh.triangles[pieces.source(*p)];
+                pieces.face(*p, self.mesh, corners, &mut vertices)
+            };
+            let faces: Vec<[u32; 3]> = own.iter().map(face).collect();
+            let values: Vec<_> = own.iter().map(|p| Some(pieces.values[*p])).collect();
+            let mut split = split(vertices, &faces, &values);
             if self.transform.is_some_and(|t| t.matrix3.determinant() < 0.0) {
                 split.triangles.iter_mut().for_each(|t| t.swap(1, 2));
             }
@@ -51,25 +58,25 @@ impl Source<'_> {
                 json.insert(name, accessor.into());
                 accessor
             };
-            let place = |v: &u32| self.position(*v as usize).to_array();
+            let place = |v: Blend| self.position(v).to_array();
             add(doc, "POSITION".into(), Elements::floats(split.sources.iter().map(place)).with_bounds());
             if !self.mesh.normals.is_empty() {
-                let normals = split.sources.iter().map(|v| self.normal(*v as usize).to_array());
+                let normals = split.sources.iter().map(|v| self.normal(v).to_array());
                 add(doc, "NORMAL".into(), Elements::floats(normals));
             }
             if !whole {
                 for (number, name) in materials.sets(material as usize) {
                     let Some(coords) = self.mesh.uv_set(&name) else { continue };
-                    let coords = split.sources.iter().map(|v| coords[*v as usize].to_array());
+                    let coords = split.sources.iter().map(|v| v.coords(coords).to_array());
                     add(doc, format!("TEXCOORD_{number}"), Elements::floats(coords));
                 }
             }
             let mut own = None;
-            for (name, elements) in attributes(&split.sources, &split.values) {
+            for (name, elements) in attributes(&split.values) {
                 own = Some(add(doc, name.into(), elements));
             }
             if !self.mesh.colors.is_empty() && N == 2 {
-                let colors = split.sources.iter().map(|v| self.mesh.colors[*v as usize].to_array());
+                let colors = split.sources.iter().map(|v| v.color(&self.mesh.colors).to_array());
                 add(doc, "COLOR_0".into(), Elements::floats(colors));
             }
             fill_sets(&mut json, own);
@@ -86,23 +93,23 @@ impl Source<'_> {
     /// Those of materials.
     pub fn write_plain(&self, doc: &mut Document, materials: &mut Materials, warnings: &mut Warnings) -> Result<usize> {
         let corners = vec![[[0.0; 2]; 3]; self.mesh.triangles.len()];
-        let class = |t: usize| (self.mesh.triangle_material[t], false);
-        self.write(doc, materials, &corners, class, |_, _| Attributes::new(), warnings)
+        let class = |p: usize| (self.mesh.triangle_material[p], false);
+        self.write(doc, materials, &Pieces::whole(&corners), class, |_| Attributes::new(), warnings)
     }
 
-    fn position(&self, vertex: usize) -> Vec3 {
-        let p = self.mesh.positions[vertex];
+    fn position(&self, vertex: Blend) -> Vec3 {
+        let p = vertex.point(&self.mesh.positions);
         self.transform.map_or(p, |t| t.transform_point3(p))
     }
 
-    fn normal(&self, vertex: usize) -> Vec3 {
-        let n = self.mesh.normals[vertex];
+    fn normal(&self, vertex: Blend) -> Vec3 {
+        let n = vertex.direction(&self.mesh.normals);
         self.transform.map_or(n, |t| (t.matrix3.inverse().transpose() * n).normalize_or(n))
     }
 }
 
 /// The lightmap's UVs.
-pub fn lightmap_attributes(_: &[u32], values: &[[f32; 2]]) -> Attributes {
+pub fn lightmap_attributes(values: &[[f32; 2]]) -> Attributes {
     vec![("TEXCOORD_1", Elements::floats(values.iter().copied()))]
 }
 

@@ -11,6 +11,7 @@ use super::{extras, viewer_colors};
 use crate::error::{Result, Warnings};
 use crate::scene::{Environment, Material, Surface};
 use crate::write::Baked;
+use crate::write::pieces::Pieces;
 use glam::{Affine3A, Vec3A};
 use material::Materials;
 use serde_json::{Value, json};
@@ -47,14 +48,16 @@ pub fn build(baked: &Baked, lights: Option<&[SurfaceLight]>, warnings: &mut Warn
                     None => {
                         let uvs = &baked.atlas.meshes[surface.mesh].corners;
                         let corners: Vec<_> = uvs.iter().map(|c| c.map(|uv| uv.to_array())).collect();
-                        let plain = |t: usize| (scene.meshes[surface.mesh].triangle_material[t], false);
-                        source.write(&mut doc, &mut materials, &corners, plain, mesh::lightmap_attributes, warnings)?
+                        let (pieces, uvs) = (Pieces::whole(&corners), mesh::lightmap_attributes);
+                        let class = |p: usize| (scene.meshes[surface.mesh].triangle_material[p], false);
+                        source.write(&mut doc, &mut materials, &pieces, class, uvs, warnings)?
                     }
                     Some(lights) => {
-                        let light = &lights[i];
-                        let class = |t: usize| (scene.meshes[surface.mesh].triangle_material[t], light.whole[t]);
-                        let colors = |_: &_, values: &[_]| viewer_colors::color_attributes(values).into();
-                        source.write(&mut doc, &mut materials, &light.corners, class, colors, warnings)?
+                        let (light, pieces) = (&lights[i], lights[i].pieces());
+                        let material = |p: usize| scene.meshes[surface.mesh].triangle_material[pieces.source(p)];
+                        let class = |p: usize| (material(p), light.whole[p]);
+                        let colors = |values: &[_]| viewer_colors::color_attributes(values, baked.vertex_colors).into();
+                        source.write(&mut doc, &mut materials, &pieces, class, colors, warnings)?
                     }
                 };
                 if transform.is_none() {
