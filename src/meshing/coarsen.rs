@@ -5,12 +5,13 @@
 //! asked, or, where there are too many triangles, where that costs the least.
 
 use super::MeshParams;
+use super::Weights;
 use super::fine::Piece;
 use super::refine::{Work, deal};
 use super::sample::{Source, Within};
 use crate::Result;
 use crate::progress::Progress;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,6 +23,18 @@ const PART: f64 = 0.8;
 const SHARE: f64 = 0.03;
 /// The least determinant of a piece's weights, which is its share of its triangle.
 const LEAST_SHARE: f64 = 1e-9;
+
+/// The pieces around a point that moves onto a neighbour.
+struct Retriangulation {
+    onto: u32,
+    /// How much the light at the point changes, relative to what it is.
+    change: f64,
+    /// The pieces that stay, by number, what they become, and the values at their corners.
+    new: Vec<(usize, Piece)>,
+    values: Vec<[DVec3; 3]>,
+    /// The pieces that go.
+    gone: Vec<usize>,
+}
 
 /// A point that may go.
 struct Removal {
@@ -54,7 +67,8 @@ pub fn coarsen(
         progress.check()?;
         works.par_iter_mut().for_each(|w| w.fit(source.mean));
         let count: u64 = works.iter().map(|w| w.fine.pieces.len() as u64).sum();
-        let removals: Vec<Vec<Removal>> = works.par_iter().map(|w| w.removals(params, source.mean)).collect();
+        let is_over = most.is_some_and(|most| count > most);
+        let removals: Vec<Vec<Removal>> = works.par_iter().map(|w| w.removals(params, is_over, source.mean)).collect();
         let dear = most.map_or(f64::NEG_INFINITY, |most| threshold(&removals, count.saturating_sub(most)));
         let gone: usize = works
             .par_iter_mut()
@@ -86,8 +100,9 @@ fn threshold(removals: &[Vec<Removal>], excess: u64) -> f64 {
 }
 
 impl Work {
-    /// What taking out each cut point would cost, the cheapest way.
-    fn removals(&self, params: &MeshParams, mean: f32) -> Vec<Removal> {
+    /// What taking out each cut point would cost, the way that changes the least; without those that the light needs, unless there are
+    /// too many triangles (`is_over`).
+    fn removals(&self, params: &MeshParams, is_over: bool, mean: f32) -> Vec<Removal> {
         let mut around: Vec<Vec<u32>> = vec![Vec::new(); self.fine.points.len() - self.fine.own];
         for (number, piece) in (0..).zip(&self.fine.pieces) {
             for p in piece.points.iter().filter(|p| **p as usize >= self.fine.own) {
@@ -100,10 +115,14 @@ impl Work {
             if star.is_empty() || broken.contains(&point) {
                 return None;
             }
-            let before: f64 = star.iter().map(|p| self.squares(*p as usize, mean)).sum();
-            let options = self.neighbours(point, star);
-            let all = options.into_iter().filter_map(|onto| self.removal(point, onto, star, before, params, mean));
-            all.min_by(|a, b| (!a.is_free).cmp(&!b.is_free).then(a.cost.total_cmp(&b.cost)))
+            let moves =
+                self.neighbours(point, star).into_iter().filter_map(|onto| self.retriangulation(point, onto, star));
+            let best = moves.min_by(|a, b| a.change.total_cmp(&b.change))?;
+            // What is far off at the point itself is far off around it.
+            if !is_over && best.change > 2.0 * params.error {
+                return None;
+            }
+            self.removal(point, star, best, params, mean)
         };
         around.par_iter().enumerate().filter_map(best).collect()
     }
@@ -132,60 +151,70 @@ impl Work {
         found.into_iter().collect()
     }
 
-    /// The removal of `point`, moved onto `onto`, from the pieces `star` around it, whose squared error is `before`; `None` where a
-    /// piece would be turned over or flattened.
+    /// The pieces around `point` where it moves onto `onto`; `None` where one would be turned over or flattened.
+    fn retriangulation(&self, point: u32, onto: u32, star: &[u32]) -> Option<Retriangulation> {
+        let pieces = &self.fine.pieces;
+        // By triangle of the source: where the neighbour lies in it, and its value there; where the point lies, and its value.
+        let mut target: BTreeMap<u32, (Weights, u32)> = BTreeMap::new();
+        let mut origin: BTreeMap<u32, (Weights, u32)> = BTreeMap::new();
+        let mut made = Retriangulation { onto, change: 0.0, new: Vec::new(), values: Vec::new(), gone: Vec::new() };
+        for &p in star {
+            let (piece, groups) = (&pieces[p as usize], self.groups.of[p as usize]);
+            let k = piece.points.iter().position(|q| *q == point)?;
+            origin.insert(piece.source, (piece.corners[k], groups[k]));
+            if let Some(j) = piece.points.iter().position(|q| *q == onto) {
+                target.insert(piece.source, (piece.corners[j], groups[j]));
+                made.gone.push(p as usize);
+            }
+        }
+        for p in star.iter().map(|p| *p as usize).filter(|p| !made.gone.contains(p)) {
+            let (mut piece, mut groups) = (pieces[p], self.groups.of[p]);
+            let k = piece.points.iter().position(|q| *q == point)?;
+            let (weights, group) = *target.get(&piece.source)?;
+            (piece.points[k], piece.corners[k], groups[k]) = (onto, weights, group);
+            if piece.share() < LEAST_SHARE {
+                return None;
+            }
+            let values = groups.map(|g| self.values[g as usize].as_dvec3());
+            let (place, before) = origin[&piece.source];
+            let w = Within::new(&piece.corners)?.weights(place.0);
+            if w.min_element() > -1e-9 {
+                let after = values[0] * w.x + values[1] * w.y + values[2] * w.z;
+                let before = self.values[before as usize].as_dvec3();
+                let change = (after - before).abs().max_element() / before.max_element().max(f64::MIN_POSITIVE);
+                made.change = made.change.max(change);
+            }
+            made.new.push((p, piece));
+            made.values.push(values);
+        }
+        self.is_fit(&made.new, star).then_some(made)
+    }
+
+    /// What a retriangulation around `point` costs; `None` where a triangle of the source would be left without a piece.
     fn removal(
         &self,
         point: u32,
-        onto: u32,
         star: &[u32],
-        before: f64,
+        made: Retriangulation,
         params: &MeshParams,
         mean: f32,
     ) -> Option<Removal> {
         let pieces = &self.fine.pieces;
-        // By triangle of the source: where the neighbour lies in it, and its value there.
-        let mut target: BTreeMap<u32, (super::Weights, u32)> = BTreeMap::new();
-        let mut gone = Vec::new();
-        for &p in star {
-            let piece = &pieces[p as usize];
-            if let Some(j) = piece.points.iter().position(|q| *q == onto) {
-                target.insert(piece.source, (piece.corners[j], self.groups.of[p as usize][j]));
-                gone.push(p as usize);
-            }
-        }
-        let mut new = Vec::with_capacity(star.len() - gone.len());
-        let mut values = Vec::with_capacity(new.capacity());
-        for p in star.iter().map(|p| *p as usize).filter(|p| !gone.contains(p)) {
-            let mut piece = pieces[p];
-            let k = piece.points.iter().position(|q| *q == point)?;
-            let (weights, group) = *target.get(&piece.source)?;
-            (piece.points[k], piece.corners[k]) = (onto, weights);
-            let share = DMat3::from_cols(piece.corners[0].0, piece.corners[1].0, piece.corners[2].0).determinant();
-            if share < LEAST_SHARE {
-                return None;
-            }
-            let mut groups = self.groups.of[p];
-            groups[k] = group;
-            new.push((p, piece));
-            values.push(groups.map(|g| self.values[g as usize].as_dvec3()));
-        }
-        if !self.is_fit(&new, star) {
-            return None;
-        }
+        let Retriangulation { onto, new, values, gone, .. } = made;
         let mut members = vec![Vec::new(); new.len()];
-        for source in target.keys() {
-            let of: Vec<usize> = (0..new.len()).filter(|k| new[*k].1.source == *source).collect();
+        let sources: BTreeSet<u32> = star.iter().map(|p| pieces[*p as usize].source).collect();
+        for source in sources {
+            let of: Vec<usize> = (0..new.len()).filter(|k| new[*k].1.source == source).collect();
             let parts: Vec<Piece> = of.iter().map(|k| new[*k].1).collect();
-            let mut dealt = vec![Vec::new(); of.len()];
-            let from = star.iter().map(|p| *p as usize).filter(|p| pieces[*p].source == *source);
-            let samples: Vec<u32> = from.flat_map(|p| self.members[p].iter().copied()).collect();
-            if of.is_empty() && !samples.is_empty() {
+            if parts.is_empty() {
                 return None;
             }
-            deal(samples.into_iter(), &self.samples, &parts, &mut dealt);
+            let mut dealt = vec![Vec::new(); of.len()];
+            let from = star.iter().map(|p| *p as usize).filter(|p| pieces[*p].source == source);
+            deal(from.flat_map(|p| self.members[p].iter().copied()), &self.samples, &parts, &mut dealt);
             of.into_iter().zip(dealt).for_each(|(k, dealt)| members[k] = dealt);
         }
+        let before: f64 = star.iter().map(|p| self.squares(*p as usize, mean)).sum();
         let (mut after, mut is_free) = (0.0, true);
         for (((_, piece), values), members) in new.iter().zip(&values).zip(&members) {
             let (squares, wrong) = self.judge(piece, values, members, PART * params.error, mean);

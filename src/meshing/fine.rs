@@ -2,7 +2,7 @@
 
 use super::Weights;
 use crate::scene::Scene;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Two points that an edge joins, the lower number first.
@@ -34,6 +34,13 @@ pub struct Piece {
     pub points: [u32; 3],
     /// Where its corners lie in the triangle.
     pub corners: [Weights; 3],
+}
+
+impl Piece {
+    /// The share of its triangle that it covers; negative where it is turned over.
+    pub fn share(&self) -> f64 {
+        DMat3::from_cols(self.corners[0].0, self.corners[1].0, self.corners[2].0).determinant()
+    }
 }
 
 impl FineMesh {

@@ -5,11 +5,13 @@
 //! edges where light jumps, each side has its own. Where samples say little (under furniture, within walls), values follow their
 //! neighbours by a small share of the Laplacian.
 
+use super::Weights;
 use super::fine::{FineMesh, edge};
 use super::sample::{Samples, Within};
 use crate::color::Rgb;
 use crate::scene::Mesh;
 use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Cosine of the largest angle between flat faces of what still counts as one smooth surface: 30 degrees, as modelling tools'
@@ -132,6 +134,53 @@ struct Block {
     groups: [usize; 3],
 }
 
+/// What the samples of a piece say.
+struct Part {
+    matrix: [f64; 6],
+    right: [DVec3; 3],
+    /// Values and weights, added up.
+    sum: (DVec3, f64),
+    /// The least and greatest of those that are certain.
+    bounds: (Rgb, Rgb),
+}
+
+impl Part {
+    fn new(corners: &[Weights; 3], members: &[u32], samples: &Samples, mean: f32) -> Self {
+        let mut part = Self {
+            matrix: [0.0; 6],
+            right: [DVec3::ZERO; 3],
+            sum: (DVec3::ZERO, 0.0),
+            bounds: (Rgb::INFINITY, Rgb::NEG_INFINITY),
+        };
+        let mut mass = 0.0;
+        if let Some(within) = Within::new(corners) {
+            for s in members.iter().map(|s| &samples.all[*s as usize]) {
+                let w = within.weights(s.weights());
+                let whole = s.weight(mean);
+                let weight = if s.is_doubtful { DOUBTFUL * whole } else { whole };
+                let value = s.value.as_dvec3();
+                for k in 0..3 {
+                    part.matrix[k] += weight * w[k] * w[k];
+                    part.matrix[3 + k] += weight * w[k] * w[(k + 1) % 3];
+                    part.right[k] += value * (weight * w[k]);
+                }
+                part.sum = (part.sum.0 + value * weight, part.sum.1 + weight);
+                if !s.is_doubtful {
+                    part.bounds = (part.bounds.0.min(s.value), part.bounds.1.max(s.value));
+                }
+                mass += whole;
+            }
+        }
+        // The least weight keeps pieces without a sample attached to their neighbours.
+        let smoothing = SMOOTHING * mass.max(1e-30);
+        for k in 0..3 {
+            part.matrix[k] += 2.0 * smoothing;
+            part.matrix[3 + k] -= smoothing;
+        }
+        part
+    }
+}
+
 /// The values of `groups` that fit the samples best: `members` are the numbers of the samples of each piece. `start`: a first guess,
 /// one a group, or none. `mean`: the mean luminance of all light.
 pub fn fit(
@@ -142,40 +191,20 @@ pub fn fit(
     mean: f32,
     start: Option<Vec<DVec3>>,
 ) -> Vec<Rgb> {
+    let part = |k: usize| Part::new(&fine.pieces[k].corners, &members[k], samples, mean);
+    let parts: Vec<Part> = (0..fine.pieces.len()).into_par_iter().with_min_len(64).map(part).collect();
     let mut right = vec![DVec3::ZERO; groups.count];
     let mut bounds = vec![(Rgb::INFINITY, Rgb::NEG_INFINITY); groups.count];
     let mut sums = vec![(DVec3::ZERO, 0.0); groups.count];
-    let mut blocks = Vec::with_capacity(fine.pieces.len());
-    for ((piece, members), of) in fine.pieces.iter().zip(members).zip(&groups.of) {
-        let mut block = Block { matrix: [0.0; 6], groups: of.map(|g| g as usize) };
-        let mut mass = 0.0;
-        if let Some(within) = Within::new(&piece.corners) {
-            for s in members.iter().map(|s| &samples.all[*s as usize]) {
-                let w = within.weights(s.weights());
-                let whole = s.weight(mean);
-                let weight = if s.is_doubtful { DOUBTFUL * whole } else { whole };
-                let value = s.value.as_dvec3();
-                for k in 0..3 {
-                    block.matrix[k] += weight * w[k] * w[k];
-                    block.matrix[3 + k] += weight * w[k] * w[(k + 1) % 3];
-                    right[block.groups[k]] += value * (weight * w[k]);
-                    let sum = &mut sums[block.groups[k]];
-                    *sum = (sum.0 + value * weight, sum.1 + weight);
-                    if !s.is_doubtful {
-                        let bound = &mut bounds[block.groups[k]];
-                        *bound = (bound.0.min(s.value), bound.1.max(s.value));
-                    }
-                }
-                mass += whole;
-            }
+    let mut blocks = Vec::with_capacity(parts.len());
+    for (part, of) in parts.into_iter().zip(&groups.of) {
+        let of = of.map(|g| g as usize);
+        for (k, g) in of.into_iter().enumerate() {
+            right[g] += part.right[k];
+            sums[g] = (sums[g].0 + part.sum.0, sums[g].1 + part.sum.1);
+            bounds[g] = (bounds[g].0.min(part.bounds.0), bounds[g].1.max(part.bounds.1));
         }
-        // The least weight keeps pieces without a sample attached to their neighbours.
-        let smoothing = SMOOTHING * mass.max(1e-30);
-        for k in 0..3 {
-            block.matrix[k] += 2.0 * smoothing;
-            block.matrix[3 + k] -= smoothing;
-        }
-        blocks.push(block);
+        blocks.push(Block { matrix: part.matrix, groups: of });
     }
     let mean = |(sum, weight): &(DVec3, f64)| if *weight > 0.0 { *sum / *weight } else { DVec3::ZERO };
     let start = start.unwrap_or_else(|| sums.iter().map(mean).collect());

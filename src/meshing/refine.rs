@@ -242,7 +242,10 @@ pub fn refine(
         works.par_iter_mut().for_each(|w| w.fit(source.mean));
         let requests: Vec<Vec<Request>> = works
             .par_iter()
-            .map(|w| (0..w.fine.pieces.len()).filter_map(|p| w.request(p, params, share, source.mean)).collect())
+            .map(|w| {
+                let pieces = (0..w.fine.pieces.len()).into_par_iter().with_min_len(64);
+                pieces.filter_map(|p| w.request(p, params, share, source.mean)).collect()
+            })
             .collect();
         let chosen = choose(works, &requests, params);
         if chosen.iter().all(BTreeSet::is_empty) {
