@@ -113,6 +113,7 @@ fn pieces_stand_where_the_mesh_was_and_the_rest_of_the_stage_is_live() {
     let subset = r#"double3 xformOp:translate = (1, 2, 3)
     uniform token[] xformOpOrder = ["xformOp:translate"]
     float[] primvars:age = [1, 2, 3, 4] ( interpolation = "uniform" )
+    Vec2f[] primvars:old = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = "uniform" )
     string primvars:owner = "somebody"
     vector3f[] velocities = [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0)]
     def GeomSubset "back" {
@@ -128,7 +129,7 @@ fn pieces_stand_where_the_mesh_was_and_the_rest_of_the_stage_is_live() {
     let (pieces, given, warnings) = layers("live", &usda, light);
     assert_eq!(
         warnings,
-        ["/World/Cut (age): has primvars over faces that the Mesh in its place doesn't have; they were left out"]
+        ["/World/Cut (age, old): has primvars over faces that the Mesh in its place doesn't have; they were left out"]
     );
 
     let prim = pieces.prim("/World/Cut").unwrap();
@@ -151,6 +152,7 @@ fn pieces_stand_where_the_mesh_was_and_the_rest_of_the_stage_is_live() {
         assert!(u > 3.0 * face as f32 - 1e-5 && u < 3.0 * face as f32 + 2.0 + 1e-5, "corner {corner}: {u}");
         assert!((coords[*index as usize].y - 0.25).abs() < 1e-6);
     }
+    assert!(!prim.attribute("primvars:old").has_value().unwrap());
     assert!(get::<Vec<f32>>(&prim, "primvars:age").is_none() && get::<Vec<Vec3f>>(&prim, "velocities").is_none());
     assert_eq!(get::<String>(&prim, "primvars:owner").as_deref(), Some("somebody"));
     assert!(prim.attribute("xformOp:translate").has_authored_value().unwrap());

@@ -353,10 +353,9 @@ impl Elements {
         // Where they cancel no direction is better than another.
         let direction = if length(sum) > 1e-6 * wanted { sum } else { vector(strongest) };
         let scale = if length(direction) > 0.0 { wanted / length(direction) } else { 0.0 };
-        for c in 0..self.width() {
-            let v = if c < 3 { direction[c] * scale } else { self.number(strongest, c) };
-            to.set_number(i, c, v);
-        }
+        let scaled = direction.map(|v| v * scale);
+        let sign = (3..self.width()).map(|c| self.number(strongest, c));
+        scaled.into_iter().take(self.width()).chain(sign).enumerate().for_each(|(c, v)| to.set_number(i, c, v));
     }
 
     /// Appends them to `doc` as a vertex attribute; returns the accessor's index. Bounds are found anew where there were

@@ -193,6 +193,30 @@ fn known_type(name: &str) -> Option<&'static str> {
         "matrix4d[]",
         "frame4d[]",
     ];
+    // What old files call them (SdfSchema's legacy types).
+    const OLD: [(&str, &str); 20] = [
+        ("Vec2i[]", "int2[]"),
+        ("Vec3i[]", "int3[]"),
+        ("Vec4i[]", "int4[]"),
+        ("Vec2h[]", "half2[]"),
+        ("Vec3h[]", "half3[]"),
+        ("Vec4h[]", "half4[]"),
+        ("Vec2f[]", "float2[]"),
+        ("Vec3f[]", "float3[]"),
+        ("Vec4f[]", "float4[]"),
+        ("Vec2d[]", "double2[]"),
+        ("Vec3d[]", "double3[]"),
+        ("Vec4d[]", "double4[]"),
+        ("PointFloat[]", "point3f[]"),
+        ("Point[]", "point3d[]"),
+        ("NormalFloat[]", "normal3f[]"),
+        ("Normal[]", "normal3d[]"),
+        ("VectorFloat[]", "vector3f[]"),
+        ("Vector[]", "vector3d[]"),
+        ("ColorFloat[]", "color3f[]"),
+        ("Color[]", "color3d[]"),
+    ];
+    let name = OLD.iter().find(|(old, _)| *old == name).map_or(name, |(_, new)| new);
     KNOWN.into_iter().find(|known| *known == name)
 }
 
