@@ -124,9 +124,9 @@ impl Rows {
             true => self.weights(along, scale, p, by),
         };
         let (mut sum, mut whole) = (Vec2::ZERO, 0.0);
-        for k in 2 - before..3 + after {
-            sum += value(self.step(along, scale, p, k)) * weights[k];
-            whole += weights[k];
+        for (k, weight) in weights.iter().enumerate().take(3 + after).skip(2 - before) {
+            sum += value(self.step(along, scale, p, k)) * *weight;
+            whole += weight;
         }
         sum / whole
     }
@@ -160,11 +160,11 @@ impl Rows {
     fn weights(&self, along: Along, scale: u32, p: usize, by: &[f32; 3]) -> Line {
         let ([before, after], own) = (self.sides(along, scale, p), self.normal[p]);
         let mut weights = [0.0; 5];
-        for k in 2 - before..3 + after {
+        for (k, weight) in weights.iter_mut().enumerate().take(3 + after).skip(2 - before) {
             let other = self.normal[self.step(along, scale, p, k)];
             let dot: i32 = (0..3).map(|c| i32::from(own[c]) * i32::from(other[c])).sum();
             let alike = ((dot as f32 / (UNIT * UNIT) - APART) / (1.0 - APART)).clamp(0.0, 1.0);
-            weights[k] = by[k.abs_diff(2)] * if k == 2 { 1.0 } else { alike };
+            *weight = by[k.abs_diff(2)] * if k == 2 { 1.0 } else { alike };
         }
         weights
     }
@@ -196,7 +196,7 @@ fn clear(texel: &[u32], place: &[u32], width: usize, chart: impl Fn(u32) -> u32)
     // The neighbour by `-step` texels, where there is one of the same chart.
     let before = |p: usize, step: usize| -> Option<usize> {
         let at = texel[p] as usize;
-        let is_on = if step == 1 { at % width > 0 } else { at >= width };
+        let is_on = if step == 1 { !at.is_multiple_of(width) } else { at >= width };
         let q = if is_on { place[at - step] } else { NONE };
         (q != NONE && chart(q) == chart(p as u32)).then_some(q as usize)
     };
