@@ -132,7 +132,8 @@ fn blocks_agree_with_the_final_gather() {
 #[test]
 fn blocks_agree_with_paths() {
     // Paths are noisier than 2 %: their own noise is taken off the root mean square, and leaves the other figures open.
-    let cases = [room_with_a_block(12), sunroom(12), divided_room(12), round_column(true)];
+    // The divided room's bias is one of texels beside the divider: 0.6 % at 12 texels a wall, 0.1 % at 18 and none at 24.
+    let cases = [room_with_a_block(12), sunroom(12), divided_room(18), round_column(true)];
     assert_none(cases.iter().filter_map(|case| {
         let off = off(&case.blocks(2.0, 0), &case.paths(2048), &everywhere);
         // Paths' noise is known to a tenth of it. The sunroom's bias is 0.5 % here, at 12 texels a wall, and 0.1 % beside the final gather at 24.

@@ -92,6 +92,28 @@ fn point_light_over_a_floor() {
 }
 
 #[test]
+fn a_near_point_light_is_averaged_over_each_texel() {
+    // Half a metre above texels of a sixteenth of a metre, eleven radii away: a lamp of 1 cd brings a rectangle as many lumens as the
+    // solid angle that the rectangle has from there.
+    let height = 0.5f32;
+    let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.]).albedo(0.0)]);
+    let position = glam::Vec3::new(0.0, height, 0.0);
+    scene.lights.push(Light::new("lamp", LightShape::Point { position, intensity: Rgb::ONE, range: None }));
+    let baked = bake(&scene, &atlas(1, 32), &draft());
+    let corner = |x: f64, z: f64| (x * z / (f64::from(height) * f64::hypot(x, z).hypot(f64::from(height)))).atan();
+    let mut worst = 0.0f64;
+    for (i, p) in baked.patches.position.iter().enumerate().filter(|(i, _)| baked.patches.coverage[*i] > 0.999) {
+        let half = 0.5 * f64::from(baked.patches.area[i]).sqrt();
+        let [[x0, x1], [z0, z1]] = [p.x, p.z].map(|c| [f64::from(c) - half, f64::from(c) + half]);
+        let solid_angle = corner(x1, z1) - corner(x0, z1) - corner(x1, z0) + corner(x0, z0);
+        let expected = solid_angle / f64::from(baked.patches.area[i]);
+        worst = worst.max((f64::from(baked.gathered.irradiance[i].x) / expected - 1.0).abs());
+    }
+    println!("worst texel {:.4} %", 100.0 * worst);
+    assert!(worst < 2e-3, "{worst}");
+}
+
+#[test]
 fn open_floor_under_a_constant_sky() {
     let mut scene = scene(&[Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.])]);
     scene.environment = Some(Environment::constant("sky", Rgb::new(1.0, 2.0, 3.0)));

@@ -82,8 +82,11 @@ pub fn variances(system: &System, radiosity: &Radiosity) -> Vec<f32> {
             sum += x;
             squares += x * x;
         };
-        for (link, weight, tint) in half.seen() {
-            add(luminance(radiosity.at(link.target()) * tint) * weight);
+        if half.tints.is_empty() {
+            let each = half.links.iter().zip(&half.weights);
+            each.for_each(|(link, weight)| add(luminance(radiosity.at(link.target())) * weight));
+        } else {
+            half.seen().for_each(|(link, weight, tint)| add(luminance(radiosity.at(link.target()) * tint) * weight));
         }
         system.each_sky(b, k, None, |light| add(luminance(light)));
         (squares - sum * sum / n).max(0.0) * n

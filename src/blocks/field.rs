@@ -142,7 +142,7 @@ impl<'a> Field<'a> {
         let one = |b: usize, found: &mut Sampled, scratch: &mut Scratch| -> (u64, Vec<u32>) {
             let count = plan[b];
             let from = [0, 1].map(|k| found.halves[k].links.len());
-            let mut arriving = Vec::new();
+            let mut arriving = std::mem::take(&mut scratch.arriving);
             let view = bright.as_ref().and_then(|(guide, reach)| {
                 guide.arriving(&blocks.list[b], reach.of(b), &mut arriving);
                 view(guide, luminance(irradiance[b]), &arriving, count)
@@ -155,8 +155,12 @@ impl<'a> Field<'a> {
                 view: view.as_ref().map(|v| &v.0),
             };
             draw.sample(b, samples, found, scratch);
-            let sight = bright.as_ref().map(|(guide, _)| Sight::new(guide, &found.drawn, arriving));
-            found.weigh(&sight.unwrap_or_default());
+            let sight = match bright {
+                Some((guide, _)) => Sight::new(guide, &found.drawn, arriving),
+                None => Sight::default(),
+            };
+            found.weigh(&sight);
+            scratch.arriving = sight.expected;
             let mut backs: Vec<u32> = (found.halves.iter().zip(from))
                 .flat_map(|(half, from)| half.links[from..].iter().map(|l| l.target()))
                 .filter(|(_, back)| *back)
@@ -320,7 +324,8 @@ impl<'a> Field<'a> {
         all
     }
 
-    /// Splits the blocks that are `wanted`; their parts start anew, with the light of the whole. Returns what each block is part of.
+    /// Splits the blocks that are `wanted`; their parts start anew, with the light of the whole, and have yet to [meet](Self::meet).
+    /// Returns what each block is part of.
     pub fn split(&mut self, wanted: &[bool]) -> Vec<u32> {
         let parts = self.blocks.split(self.lit, wanted);
         let origin: Vec<u32> = parts.iter().map(|p| p.0).collect();
@@ -334,11 +339,12 @@ impl<'a> Field<'a> {
         if let Some((_, reach)) = &mut self.bright {
             reach.follow(&origin);
         }
-        self.meet();
+        self.around.clear();
         origin
     }
 
-    fn meet(&mut self) {
+    /// Finds the neighbours of each front.
+    pub fn meet(&mut self) {
         let fronts = self.blocks.fronts();
         self.around = (0..fronts).into_par_iter().map(|b| neighbours(self.lit, &self.blocks, b)).collect();
     }

@@ -218,7 +218,7 @@ impl Drawn {
 pub struct Sight<'a> {
     guide: Option<&'a Guide>,
     /// Area samples that are expected of each cluster.
-    expected: Vec<f32>,
+    pub expected: Vec<f32>,
 }
 
 impl<'a> Sight<'a> {

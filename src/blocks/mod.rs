@@ -197,9 +197,13 @@ impl<'a> Run<'a> {
     /// Splits and samples until the error is estimated to be `aim`, or neither brings anything, or time is up.
     fn reach(&mut self, aim: f64) -> Result<Left> {
         // Single texels are three quarterings away.
+        let mut is_split = false;
         for _ in 0..3 {
             let near = too_near(&self.field, &self.distance, REACH * aim.sqrt() as f32);
-            self.split(&near);
+            is_split |= self.split(&near);
+        }
+        if is_split {
+            self.field.meet();
         }
         let mut plan = self.plan(aim, true);
         let mut round = 1;
@@ -210,6 +214,9 @@ impl<'a> Run<'a> {
             }
             let coarse = too_coarse(&self.field, &judged.stakes, &judged.smoothed, DETAIL_PART * aim as f32);
             let is_split = round <= SPLITS && self.split(&coarse);
+            if is_split {
+                self.field.meet();
+            }
             // What has been split may have to be split again, and a first look tells little of how much noise is left when samples
             // become many: the next one goes part of the way.
             plan = self.plan(aim, round == 1 || is_split && round < SPLITS);
@@ -266,7 +273,7 @@ impl<'a> Run<'a> {
         Ok(Judged { smoothed, stakes, left })
     }
 
-    /// Splits the fronts that are `wanted`; true where there were any.
+    /// Splits the fronts that are `wanted`; true where there were any. They have yet to meet.
     fn split(&mut self, wanted: &[bool]) -> bool {
         if !wanted.contains(&true) {
             return false;

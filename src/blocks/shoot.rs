@@ -30,8 +30,10 @@ impl Sampled {
         let drawn = &self.drawn;
         for half in &mut self.halves {
             half.weights.clear();
+            half.weights.reserve_exact(half.links.len());
             half.weights.extend(half.links.iter().map(|link| drawn.weigh(sight, link)));
             half.sky_weights.clear();
+            half.sky_weights.reserve_exact(half.sky.len());
             half.sky_weights.extend(half.sky.iter().map(|link| drawn.weigh_sky(sight, link)));
             half.close(drawn);
         }
@@ -87,6 +89,8 @@ pub struct Scratch<'a> {
     halves: Vec<usize>,
     blocked: Vec<bool>,
     tints: Vec<Rgb>,
+    /// What arrives from each cluster [lx].
+    pub arriving: Vec<f32>,
 }
 
 impl<'a> Scratch<'a> {
@@ -106,6 +110,7 @@ impl<'a> Scratch<'a> {
             halves: Vec::new(),
             blocked: Vec::new(),
             tints: Vec::new(),
+            arriving: Vec::new(),
         }
     }
 }
@@ -125,6 +130,8 @@ impl Draw<'_> {
             }
         }
         self.place(b, &mut starts, scratch);
+        // Exactly as much as may come: vectors that grow by themselves are copied time and again.
+        found.halves.iter_mut().for_each(|half| half.links.reserve_exact((hemisphere + areas) as usize));
         let (over_hemisphere, to_areas) = starts.split_at(2 * hemisphere as usize);
         if found.drawn.normals.0.is_empty() {
             let block = &self.blocks.list[b];

@@ -48,7 +48,8 @@ pub fn neighbours(lit: &Lit, blocks: &Blocks, b: usize) -> Vec<u32> {
     let side = 1i64 << block.level;
     let low = [i64::from(x) & !(side - 1), i64::from(y) & !(side - 1)];
     let [width, height] = lit.ground.atlas.pages[page as usize].map(i64::from);
-    let mut found = vec![b as u32];
+    let mut found = Vec::with_capacity(4 * side as usize + 5);
+    found.push(b as u32);
     let mut look = |x: i64, y: i64| {
         if x < 0 || y < 0 || x >= width || y >= height {
             return;
@@ -79,7 +80,7 @@ pub fn neighbours(lit: &Lit, blocks: &Blocks, b: usize) -> Vec<u32> {
 const RIDGE: f32 = 0.05;
 
 /// Blocks that a texel is read between, at most: one of 8 x 8 texels has 36 single ones around it.
-const MOST_AROUND: usize = 64;
+pub(super) const MOST_AROUND: usize = 64;
 
 fn blend(
     lit: &Lit,

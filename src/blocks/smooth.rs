@@ -7,6 +7,7 @@
 
 use super::block::Blocks;
 use super::respond::{DIFFERENCE, Response, Values, light};
+use super::show::MOST_AROUND;
 use crate::plane::Plane;
 use glam::Vec2;
 use rayon::prelude::*;
@@ -111,30 +112,28 @@ pub(super) fn fit<const N: usize>(
 ) -> Option<[f32; N]> {
     let block = &blocks.list[b];
     let side = (1u32 << block.level) as f32;
-    let near: Vec<(usize, f32, Vec2)> = around
-        .iter()
-        .map(|&n| n as usize)
-        .filter(|&n| blocks.list[n].normal.dot(block.normal) > ALIKE)
-        .map(|n| {
-            let other = &blocks.list[n];
-            let d = other.at - block.at;
-            let reach = 1.0 + 0.5 * (side + (1u32 << other.level) as f32);
-            let tent = (1.0 - d.length() / (1.6 * reach)).max(0.05);
-            (n, tent * other.certainty(block), d)
-        })
-        .collect();
-    if near.len() < 3 {
+    let mut near = [(0usize, 0.0f32, Vec2::ZERO); MOST_AROUND];
+    let mut count = 0;
+    let mut plane = Plane::default();
+    let mut furthest = 0.0f32;
+    let alike = around.iter().map(|&n| n as usize).filter(|&n| blocks.list[n].normal.dot(block.normal) > ALIKE);
+    for (slot, n) in near.iter_mut().zip(alike) {
+        let other = &blocks.list[n];
+        let d = other.at - block.at;
+        let (reach, distance) = (1.0 + 0.5 * (side + (1u32 << other.level) as f32), d.length());
+        let tent = (1.0 - distance / (1.6 * reach)).max(0.05);
+        let weight = tent * other.certainty(block);
+        *slot = (n, weight, d);
+        plane.add(weight, d);
+        furthest = furthest.max(distance);
+        count += 1;
+    }
+    if count < 3 {
         return None;
     }
-    let mut plane = Plane::default();
-    let mut reach = 0.0f32;
-    for (_, weight, d) in &near {
-        plane.add(*weight, *d);
-        reach = reach.max(d.length());
-    }
-    let shares = plane.shares(RIDGE, reach)?;
+    let shares = plane.shares(RIDGE, furthest)?;
     let mut values = [0.0f32; N];
-    for (n, weight, d) in &near {
+    for (n, weight, d) in &near[..count] {
         let share = shares.of(*weight, *d);
         values.iter_mut().zip(value(*n)).for_each(|(sum, v)| *sum += share * v);
     }

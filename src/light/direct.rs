@@ -143,7 +143,7 @@ pub fn glimpse(
 /// What arrives at `receiver`; the lights whose bits are set in `closely` are looked at closely.
 fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
-    let site = Site::new(receiver, 0.0, &[]);
+    let site = Site::new(receiver, 0.0, None);
     // Of the light around nothing is known.
     let error = sight.params.shadow_error;
     let look = Look { closely, around: 0.0, error, most_samples: MOST_ARRIVING, evenly: false };
@@ -315,11 +315,10 @@ pub(super) fn at_block<T: Clone + Default>(
         }
     };
     let receivers: Vec<Receiver> = open.iter().enumerate().map(receiver).collect();
-    let parts: Vec<_> = footprints.iter().map(Footprint::flat_parts).collect();
     let sight = Sight { scene: ground.scene, tracer: ground.tracer, lights, params };
     let emitters = emitters(lit, &sight, block);
     let nearest = |r: &Receiver| sight.nearest(&emitters, r.position);
-    let sites: Vec<Site> = receivers.iter().zip(&parts).map(|(r, parts)| Site::new(r, nearest(r), parts)).collect();
+    let sites: Vec<Site> = receivers.iter().zip(&footprints).map(|(r, f)| Site::new(r, nearest(r), Some(f))).collect();
     for (k, found) in open.into_iter().zip(look(&sight, &emitters, &sites)) {
         all[k] = found;
     }

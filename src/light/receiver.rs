@@ -1,9 +1,10 @@
 //! Places that direct light is collected at, and what arrives there.
 
 use crate::color::Rgb;
-use crate::patch::SurfacePoint;
+use crate::patch::{Footprint, SurfacePoint};
 use crate::sample::sequence::Sequence;
 use glam::Vec3;
+use std::sync::OnceLock;
 
 /// A place that light is collected at: points drawn from it, and bounds on all of them.
 pub struct Receiver<'a> {
@@ -33,11 +34,13 @@ const MORE_POINTS: u32 = 16;
 /// Radii of a receiver beyond which what arrives at the centre of each of its flat parts stands for the whole: the rest is of
 /// second order, a thousandth.
 const FAR: f32 = 16.0;
+/// Radii beyond which points that know the second order do: the rest is of fourth order, and random points would miss more.
+const NEAR: f32 = 2.0;
 
 /// How evenly something arrives over a receiver.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Evenness {
-    /// From so far away [m] that the parts' centres may do, see [`FAR`].
+    /// From so far away [m] that a few chosen points may do, see [`FAR`] and [`NEAR`].
     From(f32),
     /// With edges in it, or from all over a disc at random.
     Rough,
@@ -49,17 +52,22 @@ pub(super) struct Site<'a> {
     /// The distance of the nearest polygon that shines [m]. All are averaged over the same points, so that those around a point
     /// add up exactly.
     pub nearest: f32,
+    footprint: Option<&'a Footprint>,
     /// The centres of its flat parts and their shares of the whole; none where they are not known.
-    parts: &'a [(SurfacePoint, f32)],
+    parts: Vec<(SurfacePoint, f32)>,
+    /// Points that stand for what is nearer, where they have been asked for.
+    spread: OnceLock<Vec<(SurfacePoint, f32)>>,
     /// For each point: the place on the receiver, and two more for the place on an emitter.
     first: [(SurfacePoint, [f32; 2]); FIRST_POINTS],
 }
 
 impl<'a> Site<'a> {
-    /// `nearest` is the distance of the nearest polygon [m];
-    /// `parts` are the centres of the receiver's flat parts and their shares of the whole; none where they are not known.
-    pub fn new(receiver: &'a Receiver<'a>, nearest: f32, parts: &'a [(SurfacePoint, f32)]) -> Self {
-        let mut site = Self { receiver, nearest, parts, first: [(SurfacePoint::NOWHERE, [0.0; 2]); FIRST_POINTS] };
+    /// `nearest` is the distance of the nearest polygon [m]; `footprint` is what the receiver's points are drawn from, where it is
+    /// known.
+    pub fn new(receiver: &'a Receiver<'a>, nearest: f32, footprint: Option<&'a Footprint>) -> Self {
+        let parts = footprint.map_or(Vec::new(), Footprint::flat_parts);
+        let first = [(SurfacePoint::NOWHERE, [0.0; 2]); FIRST_POINTS];
+        let mut site = Self { receiver, nearest, footprint, parts, spread: OnceLock::new(), first };
         for (k, first) in site.first.iter_mut().enumerate() {
             *first = draw(receiver, k as u32, 0);
         }
@@ -74,9 +82,16 @@ impl<'a> Site<'a> {
         }
     }
 
-    /// True where something at `distance` [m] is told well enough by the centres of the parts.
-    fn is_far(&self, distance: f32) -> bool {
-        distance > FAR * self.receiver.radius && !self.parts.is_empty()
+    /// Points and their shares of the whole that tell something at `distance` [m] well enough; none where there are none.
+    fn chosen(&self, distance: f32) -> &[(SurfacePoint, f32)] {
+        let radius = self.receiver.radius;
+        if distance > FAR * radius {
+            &self.parts
+        } else if distance > NEAR * radius {
+            self.spread.get_or_init(|| self.footprint.map_or(Vec::new(), Footprint::spread_parts))
+        } else {
+            &[]
+        }
     }
 
     /// The mean over the receiver of `value`, which is told two random numbers.
@@ -85,16 +100,16 @@ impl<'a> Site<'a> {
         evenness: Evenness,
         value: impl Fn(&SurfacePoint, [f32; 2]) -> [f32; N],
     ) -> [f32; N] {
-        let count = match evenness {
-            Evenness::From(distance) if self.is_far(distance) => {
-                return self.parts.iter().fold([0.0; N], |sum, (centre, share)| {
-                    let value = value(centre, [0.5; 2]);
-                    std::array::from_fn(|k| sum[k] + share * value[k])
-                });
-            }
-            Evenness::From(_) => FIRST_POINTS as u32,
-            Evenness::Rough => MORE_POINTS,
+        let (chosen, count) = match evenness {
+            Evenness::From(distance) => (self.chosen(distance), FIRST_POINTS as u32),
+            Evenness::Rough => (&[][..], MORE_POINTS),
         };
+        if !chosen.is_empty() {
+            return chosen.iter().fold([0.0; N], |sum, (point, share)| {
+                let value = value(point, [0.5; 2]);
+                std::array::from_fn(|k| sum[k] + share * value[k])
+            });
+        }
         let mut sum = [0.0f32; N];
         for index in 0..count {
             let (point, u) = self.draw(index, 0);

@@ -288,6 +288,9 @@ impl Facet {
 /// the plane of both, and a ray from it can leave through the other one.
 const EDGE_MARGIN: f32 = 1e-3;
 
+/// Pieces that get points of their own, at most.
+const MOST_SPREAD: usize = 4;
+
 impl Piece {
     /// The piece's share of its triangle's area.
     pub fn share(&self) -> f32 {
@@ -306,6 +309,28 @@ impl Piece {
             total += area;
         }
         if total == 0.0 { o } else { o + sum / total }
+    }
+
+    /// Four points of equal shares with the piece's centre and second moments: the mean of what varies quadratically over it is exact.
+    fn spread(&self) -> [Vec2; 4] {
+        let (o, centre) = (self.corners[0], self.centroid());
+        let (mut second, mut total) = ([0.0f32; 3], 0.0f32);
+        for k in 1..self.count - 1 {
+            let [a, b, c] = [o, self.corners[k], self.corners[k + 1]].map(|p| p - centre);
+            let area = (b - a).perp_dot(c - a);
+            total += area;
+            // Of a triangle: a twelfth of its area, times the sum over its corners and over their sum.
+            for v in [a, b, c, a + b + c] {
+                second = [second[0] + area * v.x * v.x, second[1] + area * v.x * v.y, second[2] + area * v.y * v.y];
+            }
+        }
+        let [xx, xy, yy] = if total == 0.0 { [0.0; 3] } else { second.map(|s| s / (12.0 * total)) };
+        // Along the columns of the Cholesky root, as far as makes two of four points the whole of each.
+        let x = xx.max(0.0).sqrt();
+        let slope = if x > 0.0 { xy / x } else { 0.0 };
+        let [first, second] = [Vec2::new(x, slope), Vec2::new(0.0, (yy - slope * slope).max(0.0).sqrt())]
+            .map(|v| v * std::f32::consts::SQRT_2);
+        [centre + first, centre - first, centre + second, centre - second]
     }
 
     /// The weights at `u` of the unit square, uniform over the piece.
@@ -367,6 +392,15 @@ impl Footprint {
     pub fn flat_parts(&self) -> Vec<(SurfacePoint, f32)> {
         let pieces = if self.cells == CellMask::ALL { &self.pieces[..] } else { &[] };
         pieces.iter().map(|p| (p.facet.point(p.centroid()), p.area / self.total)).collect()
+    }
+
+    /// Points of the pieces and their shares of the area, so that the mean of what varies quadratically over each piece is exact; none
+    /// where some cells are left out, or where random points are cheaper.
+    pub fn spread_parts(&self) -> Vec<(SurfacePoint, f32)> {
+        let is_known = self.cells == CellMask::ALL && self.pieces.len() <= MOST_SPREAD;
+        let pieces = if is_known { &self.pieces[..] } else { &[] };
+        let points = |p: &Piece| p.spread().map(|at| (p.facet.point(at), 0.25 * p.area / self.total));
+        pieces.iter().flat_map(points).collect()
     }
 
     /// True where no piece is left.

@@ -8,6 +8,7 @@
 //! over wider stretches more can be told from noise.
 
 pub mod oidn;
+mod rows;
 pub mod scales;
 
 use crate::color::{Rgb, luminance};

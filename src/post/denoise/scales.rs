@@ -11,24 +11,16 @@
 //! Rousselle, Knaus, Zwicker 2012): where noise is small against the detail, as at contact shadows, nothing happens. Filters weigh by
 //! geometry alone, so the estimate has no bias of choice.
 //!
-//! Cost: 25 texels a scale, twice over. Charts are islands: no texel looks at another chart, nor past buried texels.
+//! Cost: ten texels a scale, twice over: planes and means are found along rows and then along columns ([`rows`](super::rows)), of one
+//! page at a time. Charts are islands: no texel looks at another chart, nor past buried texels.
 
+use super::rows::{Along, EVEN, Rows, SPLINE, curved_charts, each};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::light::Lit;
-use crate::plane::Plane;
 use crate::progress::Progress;
-use glam::{DVec3, IVec2, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-
-/// The cubic B-spline's weights at 0, 1 and 2.
-const SPLINE: [f32; 3] = [0.375, 0.25, 0.0625];
-
-/// Neighbours whose normals differ by more than this cosine say nothing; those between count in part.
-const APART: f32 = 0.7;
-
-/// Slopes are held back by this share of the weights.
-const RIDGE: f32 = 1e-3;
 
 /// The filter.
 #[derive(Clone, Copy, Debug)]
@@ -49,29 +41,6 @@ impl Scales {
     pub const BLOCKS: Self = Self { count: 5, caution: 1.2, most_moved: 1.0 };
 }
 
-/// A texel of a neighbourhood, its weight, how far its normal agrees, and its place [texels].
-#[derive(Clone, Copy, Default)]
-struct Tap {
-    patch: u32,
-    weight: f32,
-    alike: f32,
-    offset: Vec2,
-}
-
-/// The taps of one neighbourhood, the texel itself first.
-struct Taps {
-    list: [Tap; 25],
-    count: usize,
-}
-
-/// Which texels see one another at a scale.
-struct Reach<'a> {
-    lit: &'a Lit<'a>,
-    scale: u32,
-    /// By patch: bit k stands for the step (k % 5 - 2, k / 5 - 2).
-    open: Vec<u32>,
-}
-
 impl Scales {
     /// Filters `light`, one value a patch, and half the difference of its two independent halves; and `parts` of the light in the
     /// same manner, so that sums hold.
@@ -86,32 +55,54 @@ impl Scales {
         parts: &mut [&mut Vec<Rgb>],
         progress: &dyn Progress,
     ) -> Result<()> {
+        let had: Vec<DVec3> = fluxes(lit, light);
+        let curved = curved_charts(lit);
+        let is_gray = difference.par_iter().all(|d| d.x == d.y && d.y == d.z);
         let mut targets: Vec<&mut Vec<Rgb>> = vec![light, difference];
         targets.extend(parts.iter_mut().map(|part| &mut **part));
-        let had: Vec<DVec3> = fluxes(lit, targets[0]);
-        let mut reach = Reach::new(lit);
-        let squares: Vec<[f32; 2]> = targets[1].par_iter().map(|d| [d.length_squared(), 0.0]).collect();
-        let noise: Vec<f32> = pool(&reach, &squares, |tap| tap.weight, |_, [square, _]| square);
-        drop(squares);
-        // Texel by texel, all quantities of one side by side.
-        let width = targets.len();
-        let mut values: Vec<Rgb> = (0..targets[0].len()).flat_map(|i| targets.iter().map(move |t| t[i])).collect();
-        for scale in 0..self.count {
-            progress.check()?;
-            if scale > 0 {
-                reach = reach.doubled();
-            }
-            let (smooth, squares) = planes(&reach, &values, width);
-            let lost = pool(&reach, &squares, |tap| tap.alike, |i, pooled| self.lost(pooled, squares[i][0], noise[i]));
-            drop(squares);
-            for (k, target) in targets.iter_mut().enumerate() {
-                let detail = |i: usize| values[i * width + k] - smooth[i * width + k];
-                target.par_iter_mut().enumerate().for_each(|(i, t)| *t -= detail(i) * lost[i]);
-            }
-            values = smooth;
+        for page in 0..lit.ground.atlas.pages.len() {
+            let rows = Rows::new(lit, page, &curved);
+            let mut layers = Layers::read(&rows, &targets, is_gray);
+            self.filter_page(&rows, &mut layers, progress)?;
+            layers.write(&rows, &mut targets);
         }
         targets[0].par_iter_mut().for_each(|v| *v = v.max(Vec3::ZERO));
         give_back(lit, &had, &mut targets);
+        Ok(())
+    }
+
+    fn filter_page(&self, rows: &Rows, layers: &mut Layers, progress: &dyn Progress) -> Result<()> {
+        let (n, is_gray) = (rows.len(), layers.is_gray);
+        // Means along rows, of which those along columns are taken.
+        let mut pooled = vec![Vec2::ZERO; n];
+        let square = |p: usize| Vec2::new(noise_of(layers.is_gray, |k| layers.list[k][p]), 0.0);
+        each(&mut pooled, |p, pooled| *pooled = rows.mean(Along::Row, 0, &SPLINE, p, square));
+        let mut noise = vec![0.0f32; n];
+        each(&mut noise, |p, noise| *noise = rows.mean(Along::Column, 0, &SPLINE, p, |q| pooled[q]).x);
+        let mut line = vec![Vec4::ZERO; n];
+        let mut smooth: Vec<Vec<Vec4>> = layers.list.iter().map(|layer| vec![Vec4::ZERO; layer.len()]).collect();
+        let mut values = layers.list.clone();
+        for scale in 0..self.count {
+            progress.check()?;
+            for (values, smooth) in values.iter().zip(&mut smooth) {
+                rows.fit(Along::Row, scale, values, &mut line);
+                rows.fit(Along::Column, scale, &line, smooth);
+            }
+            let detail = |k: usize, p: usize| values[k][p] - smooth[k][p];
+            let squares = |p: usize| {
+                let light = detail(0, p).truncate().length_squared();
+                Vec2::new(light, noise_of(is_gray, |k| detail(k, p)))
+            };
+            each(&mut pooled, |p, pooled| *pooled = rows.mean(Along::Row, scale, &EVEN, p, squares));
+            let lost = |p: usize| {
+                let pooled = rows.mean(Along::Column, scale, &EVEN, p, |q| pooled[q]).to_array();
+                self.lost(pooled, detail(0, p).truncate().length_squared(), noise[p])
+            };
+            for (k, left) in layers.list.iter_mut().enumerate() {
+                each(left, |p, left| *left -= detail(k, p) * lost(p));
+            }
+            std::mem::swap(&mut values, &mut smooth);
+        }
         Ok(())
     }
 
@@ -157,128 +148,41 @@ fn give_back(lit: &Lit, had: &[DVec3], targets: &mut [&mut Vec<Rgb>]) {
     }
 }
 
-/// Planes through each texel's neighbourhood, of all `values`, `width` a texel; and the squares of what the first two leave over.
-fn planes(reach: &Reach, values: &[Rgb], width: usize) -> (Vec<Rgb>, Vec<[f32; 2]>) {
-    let side = (1u32 << reach.scale) as f32;
-    let shares = |i: usize| -> Taps {
-        let mut taps = reach.taps(i);
-        let mut plane = Plane::default();
-        taps.list[..taps.count].iter().for_each(|tap| plane.add(tap.weight, tap.offset));
-        match plane.shares(RIDGE, side) {
-            Some(shares) => {
-                taps.list[..taps.count].iter_mut().for_each(|tap| tap.weight = shares.of(tap.weight, tap.offset));
-            }
-            None => taps.count = 1,
-        }
-        taps
-    };
-    let mut smooth = vec![Vec3::ZERO; values.len()];
-    let mut squares = vec![[0.0; 2]; values.len() / width];
-    let rows =
-        smooth.par_chunks_mut(width).zip(&mut squares).zip(values.par_chunks(width)).enumerate().with_min_len(256);
-    rows.for_each(|(i, ((row, squares), own))| {
-        let taps = shares(i);
-        row.copy_from_slice(own);
-        for tap in &taps.list[1..taps.count] {
-            let other = &values[tap.patch as usize * width..][..width];
-            // Relative to the texel itself, so that what is even stays so to the bit.
-            row.iter_mut().zip(other).zip(own).for_each(|((sum, other), own)| *sum += (*other - *own) * tap.weight);
-        }
-        *squares = [0, 1].map(|k| (own[k] - row[k]).length_squared());
-    });
-    (smooth, squares)
+/// Values by place that are filtered alike, four numbers side by side: the light and, where it is gray, the difference of its halves;
+/// else that in a layer of its own; then the parts of the light.
+struct Layers {
+    list: Vec<Vec<Vec4>>,
+    is_gray: bool,
 }
 
-/// What `judge` says of the means over each texel's neighbourhood by `weight`.
-fn pool(
-    reach: &Reach,
-    squares: &[[f32; 2]],
-    weight: impl Fn(&Tap) -> f32 + Sync,
-    judge: impl Fn(usize, [f32; 2]) -> f32 + Sync,
-) -> Vec<f32> {
-    let mean = |i: usize| {
-        let taps = reach.taps(i);
-        let (mut sums, mut weights) = ([0.0f32; 2], 0.0);
-        for tap in &taps.list[..taps.count] {
-            let (square, weight) = (squares[tap.patch as usize], weight(tap));
-            sums = [sums[0] + weight * square[0], sums[1] + weight * square[1]];
-            weights += weight;
-        }
-        judge(i, sums.map(|sum| sum / weights))
-    };
-    (0..squares.len()).into_par_iter().with_min_len(256).map(mean).collect()
+/// The square of the difference of the halves that `value` of the layers has, all channels together.
+fn noise_of(is_gray: bool, value: impl Fn(usize) -> Vec4) -> f32 {
+    if is_gray { 3.0 * value(0).w.powi(2) } else { value(1).truncate().length_squared() }
 }
 
-/// The step of bit `k`.
-fn step(k: usize) -> IVec2 {
-    IVec2::new(k as i32 % 5 - 2, k as i32 / 5 - 2)
-}
-
-/// The bit of the texel itself.
-const OWN: usize = 12;
-
-impl<'a> Reach<'a> {
-    /// The finest scale: texels of one chart, with no gap and nothing buried between them.
-    fn new(lit: &'a Lit<'a>) -> Self {
-        let mut reach = Self { lit, scale: 0, open: Vec::new() };
-        let mask = |i: usize| {
-            let is_open = |k: &usize| {
-                let (to, halfway) = (step(*k), step(*k) / 2);
-                *k != OWN && reach.at(i, to).is_some() && (halfway == IVec2::ZERO || reach.at(i, halfway).is_some())
-            };
-            (0..25).filter(is_open).map(|k| 1 << k).sum()
+impl Layers {
+    /// Reads `targets`, by patch: the light, the difference of its halves, and parts.
+    fn read(rows: &Rows, targets: &[&mut Vec<Rgb>], is_gray: bool) -> Self {
+        let layer = |k: usize, fourth: Option<usize>| -> Vec<Vec4> {
+            let of = |&i: &u32| targets[k][i as usize].extend(fourth.map_or(0.0, |k| targets[k][i as usize].x));
+            rows.patch.par_iter().map(of).collect()
         };
-        let open = (0..lit.ground.patches.len()).into_par_iter().map(mask).collect();
-        reach.open = open;
-        reach
+        let mut list = vec![layer(0, is_gray.then_some(1))];
+        list.extend((if is_gray { 2 } else { 1 }..targets.len()).map(|k| layer(k, None)));
+        Self { list, is_gray }
     }
 
-    /// The scale above: a step of it is two of this one in a row.
-    fn doubled(&self) -> Self {
-        let mask = |i: usize| {
-            let is_open = |k: &usize| {
-                let here = self.open[i] >> k & 1 == 1;
-                here && self.at(i, step(*k) << self.scale).is_some_and(|j| self.open[j] >> k & 1 == 1)
-            };
-            (0..25).filter(is_open).map(|k| 1 << k).sum()
-        };
-        let open = (0..self.open.len()).into_par_iter().map(mask).collect();
-        Self { lit: self.lit, scale: self.scale + 1, open }
-    }
-
-    /// The patch by `offset` from patch `i`, if it is of the same chart and neither is buried.
-    fn at(&self, i: usize, offset: IVec2) -> Option<usize> {
-        let (ground, patches) = (self.lit.ground, self.lit.ground.patches);
-        let page = patches.page(i) as usize;
-        let [width, height] = ground.atlas.pages[page].map(|n| n as i32);
-        let p = IVec2::from(ground.column_row(i).map(|c| c as i32)) + offset;
-        let is_on = p.x >= 0 && p.y >= 0 && p.x < width && p.y < height && !self.lit.exposure.is_buried(i);
-        let patch = if is_on { patches.at(page, (p.y * width + p.x) as usize) } else { None };
-        patch.filter(|&j| patches.chart[j] == patches.chart[i] && !self.lit.exposure.is_buried(j))
-    }
-
-    /// The texels around patch `i` that have something to say about it.
-    fn taps(&self, i: usize) -> Taps {
-        let mut taps = Taps { list: [Tap::default(); 25], count: 1 };
-        taps.list[0] = Tap { patch: i as u32, weight: SPLINE[0] * SPLINE[0], alike: 1.0, offset: Vec2::ZERO };
-        let patches = self.lit.ground.patches;
-        let page = patches.page(i) as usize;
-        let width = i64::from(self.lit.ground.atlas.pages[page][0]);
-        let (own, normal) = (i64::from(patches.texel(i)[1]), patches.normal[i]);
-        let mut open = self.open[i];
-        while open != 0 {
-            let step = step(open.trailing_zeros() as usize);
-            open &= open - 1;
-            let offset = step << self.scale;
-            let texel = own + i64::from(offset.y) * width + i64::from(offset.x);
-            let Some(j) = patches.at(page, texel as usize) else { continue };
-            let alike = ((patches.normal[j].dot(normal) - APART) / (1.0 - APART)).clamp(0.0, 1.0);
-            if alike > 0.0 {
-                let weight = SPLINE[step.x.unsigned_abs() as usize] * SPLINE[step.y.unsigned_abs() as usize] * alike;
-                taps.list[taps.count] = Tap { patch: j as u32, weight, alike, offset: offset.as_vec2() };
-                taps.count += 1;
+    /// Writes them to `targets`.
+    fn write(&self, rows: &Rows, targets: &mut [&mut Vec<Rgb>]) {
+        let shift = usize::from(self.is_gray);
+        for (p, &i) in rows.patch.iter().enumerate() {
+            for (k, target) in targets.iter_mut().enumerate() {
+                target[i as usize] = match k {
+                    0 => self.list[0][p].truncate(),
+                    1 if self.is_gray => Rgb::splat(self.list[0][p].w),
+                    _ => self.list[k - shift][p].truncate(),
+                };
             }
         }
-        taps
     }
 }
