@@ -152,16 +152,29 @@ fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, set
     write_page(path, &lightmap.pages[number], &layers, &header, settings.float)
 }
 
-/// Writes the light probes, where there are any, into the staging folder.
+/// Writes the light probes into the staging folder. Where there are none, those of an earlier bake into `folder` go: an engine would
+/// take them for this one's.
 ///
 /// # Errors
 /// Those of the writer.
-pub fn write_probes(probes: &LightProbes, staging: &mut Staging) -> Result<()> {
+pub fn write_probes(probes: &LightProbes, folder: &Path, staging: &mut Staging) -> Result<()> {
     if probes.list.is_empty() {
+        earlier_probes(folder).for_each(|file| staging.remove(file));
         return Ok(());
     }
     let [json, exr] = write::probes::FILES;
     write::probes::write(&staging.path(json)?, &staging.path(exr)?, probes)
+}
+
+/// The probe files that the report in `folder` lists: what it doesn't is somebody else's.
+fn earlier_probes(folder: &Path) -> impl Iterator<Item = &'static str> {
+    let text = std::fs::read(folder.join("report.json")).unwrap_or_default();
+    let report: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
+    let is_listed = move |file: &&str| {
+        let files = report["probes"]["files"].as_array();
+        files.is_some_and(|files| files.iter().any(|f| f == file))
+    };
+    write::probes::FILES.into_iter().filter(is_listed)
 }
 
 /// Adds the report and moves everything into place.

@@ -338,7 +338,7 @@ fn finish(
     report.describe(&baked);
     let mut staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
     if let Some(lit) = lit {
-        folder::write_probes(&lit.probes, &mut staging)?;
+        folder::write_probes(&lit.probes, folder, &mut staging)?;
     }
     report.stages = clock.stages();
     report.peak_memory_bytes = peak_memory();

@@ -199,3 +199,22 @@ fn files_say_what_they_hold() {
     let baked = std::fs::read(folder.0.join("furnace.glb")).unwrap();
     assert!(String::from_utf8_lossy(&baked).contains(r#""layers":["sh0","sh1x","sh1y","sh1z"]"#));
 }
+
+#[test]
+fn probes_of_an_earlier_bake_go_and_files_of_others_stay() {
+    let folder = files::Folder::new("stale_probes");
+    let scene = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/furnace/furnace.glb");
+    let bake = |probes: Option<ProbeSetting>| {
+        let settings = Settings { resolution: Some(32), probes, ..draft() };
+        lumel::pipeline::bake(&scene, &folder.0, &settings, &lumel::progress::Silent).unwrap();
+    };
+    let stand = || ["probes.json", "probes.exr"].map(|name| folder.0.join(name).exists());
+    bake(Some(ProbeSetting::Spacing(1.0)));
+    assert_eq!(stand(), [true; 2]);
+    bake(None);
+    assert_eq!(stand(), [false; 2]);
+    // No report says that these are a bake's.
+    std::fs::write(folder.0.join("probes.json"), "mine").unwrap();
+    bake(None);
+    assert_eq!(stand(), [true, false]);
+}

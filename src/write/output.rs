@@ -12,6 +12,8 @@ pub const STAGING_NAME: &str = ".lumel-partial";
 pub struct Staging {
     folder: PathBuf,
     files: Vec<PathBuf>,
+    /// What earlier runs left and goes with [`commit`](Self::commit).
+    removed: Vec<PathBuf>,
 }
 
 impl Staging {
@@ -26,7 +28,7 @@ impl Staging {
             std::fs::remove_dir_all(&staging).map_err(|e| Error::io(&staging, e))?;
         }
         std::fs::create_dir_all(&staging).map_err(|e| Error::io(folder, e))?;
-        Ok(Self { folder: folder.to_path_buf(), files: Vec::new() })
+        Ok(Self { folder: folder.to_path_buf(), files: Vec::new(), removed: Vec::new() })
     }
 
     /// The path at which to write the file that becomes `<folder>/<relative>`; its parent folder is made.
@@ -41,6 +43,11 @@ impl Staging {
         }
         self.files.push(relative);
         Ok(path)
+    }
+
+    /// Lets `<folder>/<relative>`, which an earlier run left, go once all files are in place.
+    pub fn remove(&mut self, relative: impl AsRef<Path>) {
+        self.removed.push(relative.as_ref().to_path_buf());
     }
 
     /// Flushes every file to disk and moves it to its place, in the order in which they were asked for.
@@ -59,6 +66,13 @@ impl Staging {
                 std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
             }
             std::fs::rename(staging.join(file), &place).map_err(|e| Error::io(&place, e))?;
+        }
+        for file in &self.removed {
+            let place = self.folder.join(file);
+            match std::fs::remove_file(&place) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(&place, e)),
+                _ => {}
+            }
         }
         Ok(())
     }

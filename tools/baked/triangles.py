@@ -13,7 +13,7 @@ from .pages import Page, bilinear, nearest, read_page
 
 @dataclass
 class Look:
-    """What a picture needs of a material; each texture is (RGBA linear, uv set, 2 x 3 transform)."""
+    """What a picture needs of a material; each texture is (RGBA linear, uv set, 2 x 3 transform, whether it is filtered)."""
 
     name: str = ""
     base: np.ndarray = field(default_factory=lambda: np.ones(4))
@@ -53,6 +53,7 @@ class Triangles:
 
 
 SETS = 4
+NEAREST = 9728  # a sampler's filter
 
 
 def load(path: Path | str, pages: Path | str | None = None) -> Triangles:
@@ -138,14 +139,17 @@ def _texture(doc: Document, slot: dict | None) -> tuple | None:
     (ox, oy), (sx, sy), r = transform.get("offset", [0, 0]), transform.get("scale", [1, 1]), transform.get("rotation", 0)
     c, s = np.cos(r), np.sin(r)
     matrix = np.array([[c * sx, s * sy, ox], [-s * sx, c * sy, oy]])
-    return rgba, transform.get("texCoord", slot.get("texCoord", 0)), matrix
+    sampler = doc.json["textures"][slot["index"]].get("sampler")
+    is_filtered = sampler is None or doc.json["samplers"][sampler].get("magFilter") != NEAREST
+    return rgba, transform.get("texCoord", slot.get("texCoord", 0)), matrix, is_filtered
 
 
 def texture_at(texture: tuple, t: Triangles, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """RGBA of a material's texture at barycentric `weights` (N, 3) of the triangles (N,)."""
-    rgba, uv_set, matrix = texture
+    rgba, uv_set, matrix, is_filtered = texture
     uv = (t.uv[min(uv_set, SETS - 1)][triangle] * weights[..., None]).sum(1)
-    return bilinear(rgba, uv @ matrix[:, :2].T + matrix[:, 2], wrap=True)
+    at = uv @ matrix[:, :2].T + matrix[:, 2]
+    return bilinear(rgba, at, wrap=True) if is_filtered else nearest(rgba, at % 1)
 
 
 def albedo_at(t: Triangles, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -65,6 +65,18 @@ def fresh(material):
     return tree, tree.nodes.new("ShaderNodeOutputMaterial")
 
 
+def own_colour(material):
+    """The node tree of a material as imported, a socket with its base colour, factor, texture and the texture's placement included,
+    and its output."""
+    found = [n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED"] if material.use_nodes else []
+    if not found:
+        tree, output = fresh(material)
+        return tree, colour_node(tree, (0.8, 0.8, 0.8, 1.0), None), output
+    tree, socket = material.node_tree, found[0].inputs["Base Color"]
+    colour = socket.links[0].from_socket if socket.links else colour_node(tree, tuple(socket.default_value), None)
+    return tree, colour, next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+
+
 def colour_node(tree, factor: tuple, image):
     """A socket with factor times image."""
     value = tree.nodes.new("ShaderNodeRGB")

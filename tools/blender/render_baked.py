@@ -19,9 +19,8 @@ RADIANCE = {"outgoing": 1, "irradiance": 1 / math.pi}
 
 
 def show_lightmap(material, uv_name: str, image, place: dict, radiance: float) -> None:
-    factor, texture, emission = path_tracer.base_colour(material)
-    factor = tuple(v * radiance for v in factor)
-    tree, output = path_tracer.fresh(material)
+    _, _, emission = path_tracer.base_colour(material)
+    tree, colour, output = path_tracer.own_colour(material)
     uv = tree.nodes.new("ShaderNodeUVMap")
     uv.uv_map = uv_name
     mapping = tree.nodes.new("ShaderNodeMapping")
@@ -33,7 +32,8 @@ def show_lightmap(material, uv_name: str, image, place: dict, radiance: float) -
     page.image, page.interpolation, page.extension = image, "Linear", "EXTEND"
     tree.links.new(uv.outputs[0], mapping.inputs["Vector"])
     tree.links.new(mapping.outputs[0], page.inputs["Vector"])
-    reflected = path_tracer.product(tree, page.outputs["Color"], path_tracer.colour_node(tree, factor, texture))
+    scale = path_tracer.colour_node(tree, (radiance,) * 3 + (1,), None)
+    reflected = path_tracer.product(tree, path_tracer.product(tree, page.outputs["Color"], colour), scale)
     own = tree.nodes.new("ShaderNodeRGB")
     own.outputs[0].default_value = (*emission, 1)
     shader = tree.nodes.new("ShaderNodeEmission")

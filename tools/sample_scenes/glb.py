@@ -1,10 +1,11 @@
-"""A scene as GLB: flat-shaded, one node and one mesh for each surface."""
+"""A scene as GLB: flat-shaded, one node and one mesh for each surface that is not an instance."""
 
 import json
 import struct
+from math import cos, radians, sin
 from pathlib import Path
 
-from .model import Scene
+from .model import Material, Mesh, Scene
 
 
 def write(scene: Scene, path: Path) -> None:
@@ -31,7 +32,8 @@ def write(scene: Scene, path: Path) -> None:
 
     material_of = {m.name: i for i, m in enumerate(scene.materials)}
     nodes, meshes = [], []
-    for mesh in scene.meshes:
+
+    def primitive(mesh: Mesh) -> dict:
         positions, normals, triangles = [], [], []
         for face in mesh.faces:
             first = len(positions)
@@ -40,15 +42,30 @@ def write(scene: Scene, path: Path) -> None:
             for k in range(1, len(face) - 1):
                 triangles += [first, first + k, first + k + 1]
         attributes = {"POSITION": accessor(positions, "VEC3", bounds=True), "NORMAL": accessor(normals, "VEC3")}
-        primitive = {"attributes": attributes, "indices": accessor(triangles, "SCALAR"), "material": material_of[mesh.material]}
+        if mesh.uvs:
+            attributes["TEXCOORD_0"] = accessor(mesh.uvs, "VEC2")
+        return {"attributes": attributes, "indices": accessor(triangles, "SCALAR"), "material": material_of[mesh.material]}
+
+    for mesh in scene.meshes:
         nodes.append({"name": mesh.name, "mesh": len(meshes)})
-        meshes.append({"name": mesh.name, "primitives": [primitive]})
+        meshes.append({"name": mesh.name, "primitives": [primitive(mesh)]})
+    for instances in scene.instances:
+        for place in instances.places:
+            half = radians(place.turn) / 2
+            turned = {"translation": list(place.at), "rotation": [0.0, sin(half), 0.0, cos(half)], "scale": list(place.scale)}
+            nodes.append({"name": place.name, "mesh": len(meshes)} | turned)
+        meshes.append({"name": instances.name, "primitives": [primitive(part) for part in instances.parts]})
+    textures = list(dict.fromkeys(m.texture for m in scene.materials if m.texture))
     materials, strengths = [], False
     for m in scene.materials:
         entry: dict = {
             "name": m.name,
             "pbrMetallicRoughness": {"baseColorFactor": [*m.albedo, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0},
         }
+        if m.texture:
+            entry["pbrMetallicRoughness"] |= {"baseColorFactor": [1.0] * 4, "baseColorTexture": texture(m, textures)}
+        if m.double_sided:
+            entry["doubleSided"] = True
         strength = max(m.emission)
         if strength > 0:
             entry["emissiveFactor"] = [v / strength for v in m.emission]
@@ -57,8 +74,15 @@ def write(scene: Scene, path: Path) -> None:
                 strengths = True
         materials.append(entry)
     document: dict = {"asset": {"version": "2.0", "generator": "lumel tools/make_samples", "copyright": scene.comment}}
-    if strengths:
-        document["extensionsUsed"] = ["KHR_materials_emissive_strength"]
+    transforms = any(m.transform for m in scene.materials)
+    used = {"KHR_materials_emissive_strength": strengths, "KHR_texture_transform": transforms}
+    if any(used.values()):
+        document["extensionsUsed"] = [name for name, is_used in used.items() if is_used]
+    if textures:
+        # Texels as they are: filters of 8-bit textures differ between renderers, before and after the transfer curve.
+        document["samplers"] = [{"magFilter": 9728, "minFilter": 9728}]
+        document["textures"] = [{"source": k, "sampler": 0} for k in range(len(textures))]
+        document["images"] = [{"uri": name} for name in textures]
     if scene.camera:
         c = scene.camera
         yfov = c.fov * 3.141592653589793 / 180
@@ -84,3 +108,12 @@ def write(scene: Scene, path: Path) -> None:
         struct.pack("<4sIIII", b"glTF", 2, size, len(text), 0x4E4F534A) + text
         + struct.pack("<II", len(binary), 0x004E4942) + bytes(binary)
     )
+
+
+def texture(material: Material, textures: list[str]) -> dict:
+    """The slot of a material's texture."""
+    slot: dict = {"index": textures.index(material.texture)}
+    if t := material.transform:
+        own = {"offset": list(t.offset), "rotation": t.rotation, "scale": list(t.scale)}
+        slot["extensions"] = {"KHR_texture_transform": own}
+    return slot

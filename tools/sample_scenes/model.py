@@ -7,13 +7,25 @@ Vec3 = tuple[float, float, float]
 
 
 @dataclass
+class Transform:
+    """Where a texture is read, as KHR_texture_transform has it: scaled, then turned [radians], then moved."""
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    rotation: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+
+
+@dataclass
 class Material:
-    """Diffuse; `emission` is a radiance [nit], `texture` a PNG beside the scene that stands in place of the albedo."""
+    """Diffuse; `emission` is a radiance [nit], `texture` a PNG beside the scene that stands in place of the albedo. The last two are
+    for glTF alone: a layer has them elsewhere."""
 
     name: str
     albedo: Vec3
     emission: Vec3 = (0.0, 0.0, 0.0)
     texture: str | None = None
+    transform: Transform | None = None
+    double_sided: bool = False
 
 
 @dataclass
@@ -63,6 +75,25 @@ class Camera:
 
 
 @dataclass
+class Place:
+    """Scaled, turned about the vertical by `turn` [degrees], then moved."""
+
+    name: str
+    at: Vec3
+    turn: float = 0.0
+    scale: Vec3 = (1.0, 1.0, 1.0)
+
+
+@dataclass
+class Instances:
+    """One mesh of a primitive for each of `parts`, shown in several places."""
+
+    name: str
+    parts: list[Mesh]
+    places: list[Place]
+
+
+@dataclass
 class Scene:
     """Metres, Y up."""
 
@@ -71,6 +102,7 @@ class Scene:
     materials: list[Material]
     meshes: list[Mesh]
     camera: Camera | None = None
+    instances: list[Instances] = field(default_factory=list)
 
 
 @dataclass
