@@ -65,7 +65,7 @@ pub fn coarsen(
 ) -> Result<()> {
     for _ in 0..PASSES {
         progress.check()?;
-        works.par_iter_mut().for_each(|w| w.fit(source.mean));
+        works.par_iter_mut().for_each(|w| w.fit());
         let count: u64 = works.iter().map(|w| w.fine.pieces.len() as u64).sum();
         let is_over = most.is_some_and(|most| count > most);
         let removals: Vec<Vec<Removal>> = works.par_iter().map(|w| w.removals(params, is_over, source.mean)).collect();

@@ -1,5 +1,6 @@
 //! Values at vertices by least squares (Kavan, Bargteil and Sloan 2011, "Least squares vertex baking", section 3): those whose
-//! linear interpolation is nearest to the light at all samples, each squared error held against the light there, times the mean light: so that dark parts count, and bright ones do too.
+//! linear interpolation is nearest to the light at all samples, weighed by area: no light is lost. Held against the light there, a
+//! coarse mesh fits its dark parts, and a room loses up to half of its light.
 //!
 //! Corners at one place share a value where the surface is smooth there; across hard edges, materials that change what is held, and
 //! edges where light jumps, each side has its own. Where samples say little (under furniture, within walls), values follow their
@@ -145,7 +146,7 @@ struct Part {
 }
 
 impl Part {
-    fn new(corners: &[Weights; 3], members: &[u32], samples: &Samples, mean: f32) -> Self {
+    fn new(corners: &[Weights; 3], members: &[u32], samples: &Samples) -> Self {
         let mut part = Self {
             matrix: [0.0; 6],
             right: [DVec3::ZERO; 3],
@@ -156,7 +157,7 @@ impl Part {
         if let Some(within) = Within::new(corners) {
             for s in members.iter().map(|s| &samples.all[*s as usize]) {
                 let w = within.weights(s.weights());
-                let whole = s.weight(mean);
+                let whole = f64::from(s.area);
                 let weight = if s.is_doubtful { DOUBTFUL * whole } else { whole };
                 let value = s.value.as_dvec3();
                 for k in 0..3 {
@@ -182,16 +183,15 @@ impl Part {
 }
 
 /// The values of `groups` that fit the samples best: `members` are the numbers of the samples of each piece. `start`: a first guess,
-/// one a group, or none. `mean`: the mean luminance of all light.
+/// one a group, or none.
 pub fn fit(
     fine: &FineMesh,
     groups: &Groups,
     samples: &Samples,
     members: &[Vec<u32>],
-    mean: f32,
     start: Option<Vec<DVec3>>,
 ) -> Vec<Rgb> {
-    let part = |k: usize| Part::new(&fine.pieces[k].corners, &members[k], samples, mean);
+    let part = |k: usize| Part::new(&fine.pieces[k].corners, &members[k], samples);
     let parts: Vec<Part> = (0..fine.pieces.len()).into_par_iter().with_min_len(64).map(part).collect();
     let mut right = vec![DVec3::ZERO; groups.count];
     let mut bounds = vec![(Rgb::INFINITY, Rgb::NEG_INFINITY); groups.count];

@@ -135,7 +135,7 @@ pub fn vertex_light(
             progress.check()?;
             let of_surface = |s: &usize| {
                 let mut work = Work::new(source, *s, FineMesh::new(source.scene, *s));
-                work.fit(source.mean);
+                work.fit();
                 (*s, work.mesh(), Errors::of(&work, source.mean))
             };
             let done: Vec<_> = some.par_iter().map(of_surface).collect();

@@ -8,7 +8,7 @@
 use super::MeshParams;
 use super::fine::{Edge, FineMesh, Piece, edge};
 use super::fit::{Groups, fit, relative_error};
-use super::sample::{Samples, Source, Within};
+use super::sample::{Sample, Samples, Source, Within};
 use crate::Result;
 use crate::color::Rgb;
 use crate::post::Quantity;
@@ -64,15 +64,18 @@ impl Work {
             start += pieces.len();
         }
         doubt_beside_breaks(&fine, &mut samples, &members);
+        for (piece, members) in fine.pieces.iter().zip(&mut members).filter(|(_, members)| members.is_empty()) {
+            members.push(samples.push(source, surface, piece));
+        }
         let groups = Groups::new(&fine, mesh, source.lightmap.quantity == Quantity::Radiosity);
         Self { surface, fine, samples, members, groups, values: Vec::new() }
     }
 
     /// Fits the values anew.
-    pub fn fit(&mut self, mean: f32) {
+    pub fn fit(&mut self) {
         let start =
             (self.values.len() == self.groups.count).then(|| self.values.iter().map(|v| v.as_dvec3()).collect());
-        self.values = fit(&self.fine, &self.groups, &self.samples, &self.members, mean, start);
+        self.values = fit(&self.fine, &self.groups, &self.samples, &self.members, start);
     }
 
     /// Cuts `edges`; values become those of what was there.
@@ -190,13 +193,18 @@ fn doubt_beside_breaks(fine: &FineMesh, samples: &mut Samples, members: &[Vec<u3
         let Some(within) = Within::new(&piece.corners).filter(|_| !broken.is_empty()) else { continue };
         let at = piece.points.map(|p| fine.points[p as usize]);
         let twice = (at[1] - at[0]).cross(at[2] - at[0]).length();
-        for s in members {
-            let sample = &mut samples.all[*s as usize];
+        let height = |sample: &Sample| {
             let w = within.weights(sample.weights());
             // The height above edge k is that of the corner opposite, times its weight.
-            let height = |k: &usize| w[(k + 2) % 3] * twice / at[*k].distance(at[(k + 1) % 3]).max(f64::MIN_POSITIVE);
-            let reach = MIXED * f64::from(sample.area).sqrt();
-            sample.is_doubtful |= broken.iter().any(|k| height(k) < reach);
+            let above = |k: &usize| w[(k + 2) % 3] * twice / at[*k].distance(at[(k + 1) % 3]).max(f64::MIN_POSITIVE);
+            broken.iter().map(above).fold(f64::INFINITY, f64::min)
+        };
+        // Of a strip as narrow as a texel, what lies in its middle has to do.
+        let middle = 0.6 * members.iter().map(|s| height(&samples.all[*s as usize])).fold(0.0, f64::max);
+        for s in members {
+            let sample = &samples.all[*s as usize];
+            let reach = (MIXED * f64::from(sample.area).sqrt()).min(middle);
+            samples.all[*s as usize].is_doubtful |= height(sample) < reach;
         }
     }
 }
@@ -239,7 +247,7 @@ pub fn refine(
 ) -> Result<()> {
     for _ in 0..ROUNDS {
         progress.check()?;
-        works.par_iter_mut().for_each(|w| w.fit(source.mean));
+        works.par_iter_mut().for_each(|w| w.fit());
         let requests: Vec<Vec<Request>> = works
             .par_iter()
             .map(|w| {
@@ -253,7 +261,7 @@ pub fn refine(
         }
         works.par_iter_mut().zip(&chosen).for_each(|(w, edges)| w.bisect(source, edges));
     }
-    works.par_iter_mut().for_each(|w| w.fit(source.mean));
+    works.par_iter_mut().for_each(|w| w.fit());
     Ok(())
 }
 

@@ -1,6 +1,7 @@
 //! The light of a surface at many places of each triangle: what values at vertices are fitted to and judged by.
 
 use super::Weights;
+use super::fine::Piece;
 use super::page::sample_page;
 use crate::color::{Rgb, luminance};
 use crate::post::Lightmap;
@@ -45,7 +46,7 @@ impl Sample {
         f64::from(luminance(self.value).max(LEAST_LEVEL * mean).max(f32::MIN_POSITIVE))
     }
 
-    /// The weight of its squared error: its area, over its level and the mean one.
+    /// How much its squared error shows: its area, over its level and the mean one.
     pub fn weight(&self, mean: f32) -> f64 {
         f64::from(self.area) / (self.level(mean) * f64::from(mean.max(f32::MIN_POSITIVE)))
     }
@@ -112,6 +113,21 @@ impl Samples {
         }
         let each = (area / (self.all.len() - start) as f64) as f32;
         self.all[start..].iter_mut().for_each(|s| s.area = each);
+    }
+
+    /// Adds one in the middle of `piece`; returns its number.
+    pub fn push(&mut self, source: &Source, surface: usize, piece: &Piece) -> u32 {
+        let triangle = piece.source as usize;
+        let placed = &source.scene.surfaces[surface];
+        let page = &source.lightmap.pages[source.atlas.placements[surface].page as usize];
+        let corners = source.atlas.page_texels(surface, placed.mesh, triangle);
+        let w = (piece.corners[0].0 + piece.corners[1].0 + piece.corners[2].0) / 3.0;
+        let place = [w.x as f32, w.y as f32];
+        let at = corners[0] * place[0] + corners[1] * place[1] + corners[2] * (1.0 - place[0] - place[1]);
+        let whole: f32 = self.of(triangle).map(|s| self.all[s as usize].area).sum();
+        let area = (f64::from(whole) * piece.share()) as f32;
+        self.all.push(Sample { place, value: sample_page(page, at), area, is_doubtful: false });
+        self.all.len() as u32 - 1
     }
 
     /// The numbers of the samples of triangle `triangle`.
