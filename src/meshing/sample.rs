@@ -99,17 +99,7 @@ impl Samples {
         });
         if self.all.len() - start < FEW.len() {
             self.all.truncate(start);
-            let at = |[u, v]: [f32; 2]| corners[0] * u + corners[1] * v + corners[2] * (1.0 - u - v);
-            let texel = |p: Vec2| {
-                let x = (p.x.max(0.0) as u32).min(page.width - 1);
-                let y = (p.y.max(0.0) as u32).min(page.height - 1);
-                (y * page.width + x) as usize
-            };
-            self.all.extend(FEW.map(|place| {
-                let at = at(place);
-                let is_doubtful = (source.is_buried)(number, texel(at));
-                Sample { place, value: sample_page(page, at), area: 0.0, is_doubtful }
-            }));
+            self.all.extend(FEW.map(|place| look_up(source, surface, triangle, place)));
         }
         let each = (area / (self.all.len() - start) as f64) as f32;
         self.all[start..].iter_mut().for_each(|s| s.area = each);
@@ -118,15 +108,11 @@ impl Samples {
     /// Adds one in the middle of `piece`; returns its number.
     pub fn push(&mut self, source: &Source, surface: usize, piece: &Piece) -> u32 {
         let triangle = piece.source as usize;
-        let placed = &source.scene.surfaces[surface];
-        let page = &source.lightmap.pages[source.atlas.placements[surface].page as usize];
-        let corners = source.atlas.page_texels(surface, placed.mesh, triangle);
         let w = (piece.corners[0].0 + piece.corners[1].0 + piece.corners[2].0) / 3.0;
-        let place = [w.x as f32, w.y as f32];
-        let at = corners[0] * place[0] + corners[1] * place[1] + corners[2] * (1.0 - place[0] - place[1]);
+        let sample = look_up(source, surface, triangle, [w.x as f32, w.y as f32]);
         let whole: f32 = self.of(triangle).map(|s| self.all[s as usize].area).sum();
         let area = (f64::from(whole) * piece.share()) as f32;
-        self.all.push(Sample { place, value: sample_page(page, at), area, is_doubtful: false });
+        self.all.push(Sample { area, ..sample });
         self.all.len() as u32 - 1
     }
 
@@ -134,6 +120,20 @@ impl Samples {
     pub fn of(&self, triangle: usize) -> std::ops::Range<u32> {
         self.first[triangle]..self.first[triangle + 1]
     }
+}
+
+/// The light at `place` of a triangle by bilinear look-up, for no area yet; doubtful within a texel that tells none.
+fn look_up(source: &Source, surface: usize, triangle: usize, place: [f32; 2]) -> Sample {
+    let number = source.atlas.placements[surface].page as usize;
+    let page = &source.lightmap.pages[number];
+    let corners = source.atlas.page_texels(surface, source.scene.surfaces[surface].mesh, triangle);
+    let at = corners[0] * place[0] + corners[1] * place[1] + corners[2] * (1.0 - place[0] - place[1]);
+    let tells = |texel: usize| page.coverage[texel] > 0.0 && !(source.is_buried)(number, texel);
+    let x = (at.x.max(0.0) as u32).min(page.width - 1);
+    let y = (at.y.max(0.0) as u32).min(page.height - 1);
+    let texel = (y * page.width + x) as usize;
+    let value = sample_page(page, at, tells).unwrap_or(page.rgb[texel]);
+    Sample { place, value, area: 0.0, is_doubtful: !tells(texel) }
 }
 
 /// Calls `found` with each texel whose middle lies in the triangle `corners` [texels], and the middle's weights.

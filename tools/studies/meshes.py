@@ -17,19 +17,20 @@ from .workbench import Bake, Workbench, buried, error, reference_text, shown, si
 
 @dataclass
 class Size:
-    """Triangles; texels a metre of the light that they are to hold; the reference's texels a metre and samples."""
+    """Triangles; texels a metre and samples of the light that they are to hold, which is the reference."""
 
     counts: tuple[int, ...]
-    density: float
     reference: tuple[float, int]
 
 
-FULL = Size((2000, 8000), 40.0, (80.0, 512))
-LIGHT = Size((1500,), 16.0, (24.0, 128))
+FULL = Size((1000, 2000, 4000), (80.0, 512))
+LIGHT = Size((1500,), (24.0, 128))
 KINDS = ("uniform", "adaptive", "discontinuity")
 TITLES = {"uniform": "uniform", "adaptive": "adaptive", "discontinuity": "discontinuity, adaptive"}
 # A point is at a shadow's edge where light differs by this part of its mean from 1.5 cm on one side to 1.5 cm on the other.
 EDGE, REACH = 0.15, 0.015
+# What has something as near as this right before it is not seen [m].
+HIDDEN = 0.01
 POINTS = 150_000
 
 
@@ -61,7 +62,8 @@ def uniform(scene: Scene, count: int) -> Scene:
 
 
 def vertex_bake(bench: Workbench, size: Size, kind: str, count: int) -> Bake:
-    options = ["--density", size.density, "--quality", bench.reference_quality]
+    density, samples = size.reference
+    options = ["--density", density, "--quality", bench.reference_quality, "--samples", samples]
     if kind == "uniform":
         # Along the edges of things squares are smaller: some are left over.
         return bench.bake(bench.write(uniform(room.scene(), count)), *options, vertices=True)
@@ -76,14 +78,18 @@ class Truth:
         self.caster = Caster(self.triangles)
 
     def at(self, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """RGB; NaN where the reference has no surface right there, or what it has lies inside a solid."""
+        """RGB; NaN where the reference has no surface right there, or what it has lies inside a solid or against one."""
         t = self.triangles
         found, weights = self.caster.closest(position + 1e-3 * normal, -normal)
         out = np.full((len(position), 3), np.nan)
         hit = found >= 0
         hit[hit] = ~buried(t, found[hit], weights[hit])
         place = (t.position[found[hit]] * weights[hit][..., None]).sum(1)
-        near = np.linalg.norm(place - position[hit], axis=1) < 2e-3
+        # What lies against something, or inside of it, nobody sees.
+        ahead = self.caster.scene.run((place + 1e-4 * normal[hit]).astype(np.float32), normal[hit].astype(np.float32), output=1)
+        facing = (self.caster.normals[ahead["primID"]] * normal[hit]).sum(1)
+        hidden = (ahead["primID"] >= 0) & ((facing > 0) | (ahead["tfar"] < HIDDEN))
+        near = (np.linalg.norm(place - position[hit], axis=1) < 2e-3) & ~hidden
         out[hit] = np.where(near[:, None], triangles.lightmap_at(t, found[hit], weights[hit]), np.nan)
         return out
 
@@ -134,7 +140,7 @@ def page(bench: Workbench, size: Size, numbers: dict, measured: dict) -> str:
     truth = reference(bench, size)
     small = (300, 225)
     exposure = bench.picture("reference", truth)
-    few = size.counts[0]
+    few = size.counts[len(size.counts) // 2]
     gallery = []
     for title, draw in (("colours", bench.picture), ("mesh", bench.wire_picture), ("error", None)):
         row = [title]
@@ -168,10 +174,10 @@ def page(bench: Workbench, size: Size, numbers: dict, measured: dict) -> str:
 {table(["", *(TITLES[kind] for kind in KINDS)], gallery)}
 Vertex colours, each at {few} triangles or a few less. Error images: blue darker, red brighter than the reference, full colour at 20 %.
 
-    lumel bake table.glb --density {size.density:g} --gltf vertex --mesh discontinuity --max-triangles {few}
+    lumel bake table.glb --density {size.reference[0]:g} --gltf vertex --mesh discontinuity --max-triangles {few}
 
 **Scene.** That of the [table](../table): a room of 4.0 x 2.6 x 3.4 m, one lamp of 0.2 x 0.2 m. The uniform mesh is one of squares,
-about equal; all three hold the same light, of {size.density:g} texels a metre, by least squares.
+about equal; all three hold the light of the reference, by least squares.
 
 **Error** against the reference ({reference_text(numbers)} at {size.reference[0]:g} texels a metre), RMS over the mean light, per cent: at points
 spread evenly over all surfaces, and at those of them where light changes by more than {100 * EDGE:g} % of its mean within {200 * REACH:g} cm, at
