@@ -7,7 +7,8 @@
 //! nothing to on average.
 //!
 //! As for the error of a whole bake, the worst hundredth of the area doesn't rule: it counts as much as the place where it
-//! begins.
+//! begins. That is mostly texels along sharp edges, whose area is as wide as they are: of coarser texels the same edges are a larger
+//! share.
 
 use super::allot::Need;
 use crate::color::luminance;
@@ -16,7 +17,7 @@ use crate::scene::Scene;
 use crate::unwrap::Atlas;
 use rayon::prelude::*;
 
-/// The share of the area that is worst.
+/// The share of the area that is worst, of texels of the bake's size.
 const WORST: f64 = 0.01;
 
 /// What is missed in all of the charts.
@@ -33,8 +34,9 @@ struct Missed {
     noise: [f32; 2],
 }
 
-/// What coarser texels would miss of each chart of shown surfaces; instances of a mesh count together.
-pub fn details(scene: &Scene, atlas: &Atlas, lit: &Illuminated) -> Details {
+/// What coarser texels would miss of each chart of shown surfaces; instances of a mesh count together. The texels of `lit` are `coarser`
+/// times as dense as those of the bake.
+pub fn details(scene: &Scene, atlas: &Atlas, lit: &Illuminated, coarser: f64) -> Details {
     let mut first = Vec::with_capacity(scene.surfaces.len());
     let mut count = 0;
     for surface in &scene.surfaces {
@@ -47,7 +49,8 @@ pub fn details(scene: &Scene, atlas: &Atlas, lit: &Illuminated) -> Details {
         charts[lit.patches.chart[i] as usize].push(i);
     }
     let missed: Vec<Vec<Missed>> = charts.par_iter().map(|chart| missed_of(atlas, lit, chart)).collect();
-    let worst = [0, 1].map(|level| threshold(lit, &charts, &missed, level));
+    let side = |level: usize| f64::from(2 << level) / coarser;
+    let worst = [0, 1].map(|level| threshold(lit, &charts, &missed, level, WORST * side(level)));
     let (mut light, mut area) = (0.0, 0.0);
     let mut needs: Vec<Need> = Vec::new();
     let mut place = vec![usize::MAX; scene.meshes.len()];
@@ -80,12 +83,12 @@ pub fn details(scene: &Scene, atlas: &Atlas, lit: &Illuminated) -> Details {
     Details { needs, mean: if area > 0.0 { light / area } else { 0.0 } }
 }
 
-/// The square of what is missed at a level where the worst hundredth of the area begins [lx^2].
-fn threshold(lit: &Illuminated, charts: &[Vec<usize>], missed: &[Vec<Missed>], level: usize) -> f64 {
+/// The square of what is missed at a level where the worst `share` of the area begins [lx^2].
+fn threshold(lit: &Illuminated, charts: &[Vec<usize>], missed: &[Vec<Missed>], level: usize, share: f64) -> f64 {
     let all = charts.iter().zip(missed).flat_map(|(chart, missed)| chart.iter().zip(missed));
     let mut squares: Vec<(f32, f32)> = all.map(|(&i, m)| (m.light[level].powi(2), lit.exposure.area[i])).collect();
     squares.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
-    let mut left = WORST * squares.iter().map(|(_, area)| f64::from(*area)).sum::<f64>();
+    let mut left = share * squares.iter().map(|(_, area)| f64::from(*area)).sum::<f64>();
     let begins = squares.iter().find(|(_, area)| {
         left -= f64::from(*area);
         left < 0.0

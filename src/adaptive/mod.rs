@@ -86,8 +86,9 @@ pub fn adapt(
         return Ok(None);
     }
     let lit = illuminate(scene, &atlas, &quick_settings(settings), &quick)?;
-    let found = details(scene, &atlas, &lit);
-    let allotted = allot(&found, QUICK_TEXELS.sqrt());
+    let coarser = QUICK_TEXELS.sqrt();
+    let found = details(scene, &atlas, &lit, coarser);
+    let allotted = allot(&found, coarser);
     let factors = by_mesh(scene, &atlas, &found.needs, &allotted.factors, strength);
     let report = AdaptiveReport {
         strength,

@@ -33,6 +33,8 @@ pub struct Sized {
     pub charts: Vec<[u32; 2]>,
     /// Of a shared mesh.
     pub block: Option<Block>,
+    /// Texels that each surface's charts touch.
+    pub texels: u64,
 }
 
 /// Everything has its place.
@@ -50,6 +52,13 @@ pub struct Layout {
     pub surfaces: Vec<(u32, Vec<Slot>)>,
     /// Pages of shown surfaces, which come first.
     pub shown_pages: usize,
+}
+
+impl Layout {
+    /// Texels of shown surfaces.
+    pub fn texels(&self, subject: &Subject) -> u64 {
+        subject.surfaces(true).into_iter().map(|s| self.sized[subject.meshes[s]].texels).sum()
+    }
 }
 
 /// What is laid out.
@@ -104,7 +113,8 @@ impl Densities<'_> {
     }
 }
 
-/// Finds density and places as `params` ask for. Where charts of the least size don't fit with the padding between them, there is
+/// Finds density and places as `params` ask for; with `texels`, so that shown surfaces have as many, or as many of them as there
+/// is room for. Where charts of the least size don't fit with the padding between them, there is
 /// less of it, down to none, with a warning. Each search makes a fixed number of tries, so that equal input gives equal bits on
 /// slow and fast machines.
 ///
@@ -113,13 +123,14 @@ impl Densities<'_> {
 pub fn layout(
     subject: &Subject,
     params: &UnwrapParams,
+    texels: Option<u64>,
     warnings: &mut Warnings,
     progress: &dyn Progress,
 ) -> Result<Layout> {
     let mut padding = params.padding;
     loop {
         let params = UnwrapParams { padding, ..params.clone() };
-        if let Some(layout) = lay_out(subject, &params, warnings, progress)? {
+        if let Some(layout) = lay_out(subject, &params, texels, warnings, progress)? {
             return Ok(layout);
         }
         if padding == 0 {
@@ -144,6 +155,7 @@ pub fn layout(
 fn lay_out(
     subject: &Subject,
     params: &UnwrapParams,
+    texels: Option<u64>,
     warnings: &mut Warnings,
     progress: &dyn Progress,
 ) -> Result<Option<Layout>> {
@@ -157,10 +169,61 @@ fn lay_out(
     if least > pages {
         return Ok(None);
     }
-    match params.density {
-        Density::FillPage(side) => fill(subject, side, params, progress),
-        Density::TexelsPerMetre(density) => spread(subject, f64::from(density), params, warnings, progress),
-        Density::TexelCount(count) => spread(subject, subject.density_of(count as f64), params, warnings, progress),
+    let asked = match params.density {
+        Density::FillPage(side) => return fill(subject, side, texels, params, progress),
+        Density::TexelsPerMetre(density) => f64::from(density),
+        Density::TexelCount(count) => subject.density_of(count as f64),
+    };
+    let asked = match texels {
+        Some(count) => {
+            density_of_texels(subject, count, asked, &caps(subject, params.page_size, spacing), spacing, progress)?
+        }
+        None => asked,
+    };
+    spread(subject, asked, params, warnings, progress)
+}
+
+/// Steps in which a density is found, and the error of the number of texels at which that is enough.
+const STEPS: usize = 12;
+const CLOSE: f64 = 5e-4;
+
+/// The density of the bake, about `density`, at which the charts of shown surfaces touch about `count` texels.
+fn density_of_texels(
+    subject: &Subject,
+    count: u64,
+    mut density: f64,
+    caps: &[f64],
+    spacing: Spacing,
+    progress: &dyn Progress,
+) -> Result<f64> {
+    let shown = subject.surfaces(true);
+    let mut best = (f64::INFINITY, density);
+    for _ in 0..STEPS {
+        progress.check()?;
+        let densities = Densities { shares: subject.shares, caps, density, asked: density };
+        let of_mesh = |(mesh, content): (usize, &Content)| touched(content, densities.of(mesh), spacing.least);
+        let by_mesh: Vec<u64> = subject.contents.par_iter().enumerate().map(of_mesh).collect();
+        let found: u64 = shown.iter().map(|&s| by_mesh[subject.meshes[s]]).sum();
+        let ratio = count as f64 / found.max(1) as f64;
+        let error = (ratio - 1.0).abs();
+        if error < best.0 {
+            best = (error, density);
+        }
+        if error < CLOSE {
+            break;
+        }
+        density *= ratio.sqrt();
+    }
+    Ok(best.1)
+}
+
+/// The texels that a mesh's charts touch at `density`.
+fn touched(content: &Content, density: f64, least: u32) -> u64 {
+    let of_chart = |c: &Chart| pack::mask(c, pack::texel_size(c.size, density * c.factor, least)).texels;
+    match content {
+        Content::Charts(charts) | Content::Shared(charts) => charts.iter().map(of_chart).sum(),
+        Content::Authored { size } => pack::texel_size(*size, density, least).map(u64::from).iter().product(),
+        Content::Unused => 0,
     }
 }
 
@@ -192,8 +255,15 @@ const TRIALS: usize = 7;
 /// Up to this many pieces, a page that one order overfills is tried with another.
 const FEW: usize = 500;
 
-/// One page of `side` squared, filled as well as bisection finds; hidden surfaces on further ones. `None` where nothing fits.
-fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Progress) -> Result<Option<Layout>> {
+/// One page of `side` squared, filled as well as bisection finds, or with `texels` where they fit; hidden surfaces on further ones.
+/// `None` where nothing fits.
+fn fill(
+    subject: &Subject,
+    side: u32,
+    texels: Option<u64>,
+    params: &UnwrapParams,
+    progress: &dyn Progress,
+) -> Result<Option<Layout>> {
     let spacing = params.spacing();
     let shown = subject.surfaces(true);
     let caps = caps(subject, side, spacing);
@@ -211,7 +281,11 @@ fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Prog
         if cost(subject, &sized, &shown, spacing) > 1.1 * f64::from(side) * f64::from(side) {
             return Ok(None);
         }
-        let orders: &[Order] = if count <= FEW { &[Order::Side, Order::Texels] } else { &[Order::Side] };
+        let orders = match (texels, count) {
+            (Some(_), _) => &Order::ALL[..],
+            (None, ..=FEW) => &[Order::Side, Order::Texels],
+            (None, _) => &[Order::Side],
+        };
         for &order in orders {
             let mut page = Page::new([side, side], spacing, spacing.margin());
             if let Some(slots) = place_surfaces(subject, &sized, &shown, &mut page, order, progress)? {
@@ -228,16 +302,22 @@ fn fill(subject: &Subject, side: u32, params: &UnwrapParams, progress: &dyn Prog
     // All texels of the page are more than can be used, a tenth of them is nearly always possible.
     let most = subject.density_of(f64::from(side).powi(2));
     let (mut high, mut low) = (most, 0.8 * most);
+    if let Some(count) = texels {
+        low = density_of_texels(subject, count, low, &caps, spacing, progress)?;
+        high = low;
+    }
     let mut best = None;
     for _ in 0..64 {
         best = attempt(low)?;
         if best.is_some() {
             break;
         }
-        (high, low) = (low, 0.8 * low);
+        (high, low) = (low, if texels.is_some() { 0.97 * low } else { 0.8 * low });
     }
     let Some(mut best) = best else { return Ok(None) };
-    for _ in 0..TRIALS {
+    // Where as many texels as were wanted fit at once, nothing is left to find.
+    let trials = if low < high { TRIALS } else { 0 };
+    for _ in 0..trials {
         let middle = (low * high).sqrt();
         match attempt(middle)? {
             Some(layout) => (best, low) = (layout, middle),
@@ -368,16 +448,23 @@ fn measure(subject: &Subject, densities: &Densities, spacing: Spacing, progress:
         let size = |c: &Chart| pack::texel_size(c.size, density * c.factor, spacing.least);
         let boxes = |charts: &[Chart]| charts.iter().map(size).collect();
         let pieces = |charts: &[Chart]| charts.iter().map(|c| Piece::chart(c, size(c))).collect::<Vec<_>>();
+        let texels = |pieces: &[Piece]| pieces.iter().map(|p| p.mask.texels).sum();
         Ok(match content {
-            Content::Charts(charts) => Sized { pieces: pieces(charts), charts: boxes(charts), block: None },
+            Content::Charts(charts) => {
+                let pieces = pieces(charts);
+                let texels = texels(&pieces);
+                Sized { pieces, charts: boxes(charts), block: None, texels }
+            }
             Content::Shared(charts) => {
                 let inner = pieces(charts);
                 let block = pack::block(&inner.iter().collect::<Vec<_>>(), spacing, progress)?;
-                Sized { pieces: vec![Piece::rectangle(block.size)], charts: boxes(charts), block: Some(block) }
+                let texels = texels(&inner);
+                Sized { pieces: vec![Piece::rectangle(block.size)], charts: boxes(charts), block: Some(block), texels }
             }
             Content::Authored { size } => {
-                let size = pack::texel_size(*size, density, spacing.least);
-                Sized { pieces: vec![Piece::rectangle(size)], ..Sized::default() }
+                let pieces = vec![Piece::rectangle(pack::texel_size(*size, density, spacing.least))];
+                let texels = texels(&pieces);
+                Sized { pieces, texels, ..Sized::default() }
             }
             Content::Unused => Sized::default(),
         })

@@ -39,10 +39,11 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use authored::Set;
 use chart::Chart;
+use density::Factored;
 pub use density::Share;
 pub use findings::{AuthoredUvs, Verdict};
 use glam::Vec2;
-use layout::{Content, Subject};
+use layout::{Content, Layout, Subject};
 pub use params::{Density, Importance, PageSizes, UnwrapParams, Unwrapper, UvMode};
 use rayon::prelude::*;
 use shape::Shape;
@@ -96,6 +97,11 @@ pub struct Unwrapping {
     pub warnings: Warnings,
 }
 
+/// The powers of factors that are tried until as many texels as without them find room, and the least share of these that counts as
+/// many.
+const STRENGTHS: [f32; 5] = [1.0, 0.85, 0.7, 0.5, 0.25];
+const LEAST_TEXELS: f64 = 0.98;
+
 /// Makes lightmap UVs for all surfaces of `scene`.
 ///
 /// # Errors
@@ -142,18 +148,45 @@ pub fn unwrap_judged(scene: &Scene, params: &UnwrapParams, progress: &dyn Progre
     for (m, charts) in charts(scene, &users, &fresh, params, &mut authored, progress)? {
         contents[m] = if users[m].len() == 1 { Content::Charts(charts) } else { Content::Shared(charts) };
     }
-    let areas = areas(scene);
-    let factored = density::factor(scene, &users, &areas, params, shares, &mut contents);
-    let subject = Subject {
-        contents: &contents,
-        meshes: &scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>(),
-        names: &scene.surfaces.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
-        areas: &factored.areas,
-        shown: &shown,
-        shares: &factored.shares,
-    };
-    let layout = layout::layout(&subject, params, &mut warnings, progress)?;
+    let (areas, meshes) = (areas(scene), scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>());
+    let names: Vec<&str> = scene.surfaces.iter().map(|s| s.name.as_str()).collect();
+    let layout = with_importance(params, &mut warnings, |params, texels, warnings| {
+        let Factored { areas, shares } = density::factor(scene, &users, &areas, params, shares.clone(), &mut contents);
+        let subject = Subject {
+            contents: &contents,
+            meshes: &meshes,
+            names: &names,
+            areas: &areas,
+            shown: &shown,
+            shares: &shares,
+        };
+        let layout = layout::layout(&subject, params, texels, warnings, progress)?;
+        let texels = layout.texels(&subject);
+        Ok((layout, texels))
+    })?;
     Ok(Unwrapping { atlas: place::place(scene, contents, sets, layout), authored, warnings })
+}
+
+/// What `lay_out` makes of `params`; where those have an importance, as many texels as without it: factors that leave no room for so
+/// many are taken back in part, in the end altogether. `lay_out` is given parameters and the texels that are wanted, and returns those
+/// that there are.
+fn with_importance(
+    params: &UnwrapParams,
+    warnings: &mut Warnings,
+    mut lay_out: impl FnMut(&UnwrapParams, Option<u64>, &mut Warnings) -> Result<(Layout, u64)>,
+) -> Result<Layout> {
+    let (even, wanted) = lay_out(&UnwrapParams { importance: None, ..params.clone() }, None, warnings)?;
+    let Some(importance) = &params.importance else { return Ok(even) };
+    for strength in STRENGTHS {
+        let mut of_trial = Warnings::default();
+        let params = UnwrapParams { importance: Some(importance.to_the(strength)), ..params.clone() };
+        let (layout, texels) = lay_out(&params, Some(wanted), &mut of_trial)?;
+        if texels as f64 >= LEAST_TEXELS * wanted as f64 {
+            warnings.extend(of_trial);
+            return Ok(layout);
+        }
+    }
+    Ok(even)
 }
 
 /// The charts of the meshes `fresh`: authored ones where those are to be packed anew, else new ones. Says in `authored` which

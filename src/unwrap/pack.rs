@@ -37,16 +37,21 @@ pub enum Order {
     Side,
     /// The most texels.
     Texels,
+    /// The longest sum of both sides.
+    Round,
+    /// The longest shorter side.
+    Width,
+}
+
+impl Order {
+    /// All there are.
+    pub const ALL: [Self; 4] = [Self::Side, Self::Texels, Self::Round, Self::Width];
 }
 
 impl Piece {
     /// A chart in a box of `size` texels.
     pub fn chart(chart: &Chart, size: [u32; 2]) -> Self {
-        let mut mask = Mask::full(size);
-        if mask.texels > SMALL {
-            let scale = scale(chart, size);
-            mask = Mask::of_triangles(size, chart.uv.iter().map(|t| t.map(|p| p * scale)));
-        }
+        let mask = mask(chart, size);
         let turned = (size[0] != size[1] || !mask.is_full()).then(|| mask.turned());
         Self { mask, turned }
     }
@@ -68,6 +73,16 @@ impl Piece {
 pub fn texel_size(size: DVec2, density: f64, least: u32) -> [u32; 2] {
     // 2^20 texels are beyond any page, and keep sums of sizes in range.
     (size * density).to_array().map(|s| s.round().clamp(f64::from(least), 1048576.0) as u32)
+}
+
+/// The texels that a chart touches in a box of `size` texels.
+pub fn mask(chart: &Chart, size: [u32; 2]) -> Mask {
+    let mask = Mask::full(size);
+    if mask.texels <= SMALL {
+        return mask;
+    }
+    let scale = scale(chart, size);
+    Mask::of_triangles(size, chart.uv.iter().map(|t| t.map(|p| p * scale)))
 }
 
 fn scale(chart: &Chart, size: [u32; 2]) -> DVec2 {
@@ -95,10 +110,12 @@ pub fn place(page: &mut Page, pieces: &[&Piece], order: Order, progress: &dyn Pr
     let mut sequence: Vec<usize> = (0..pieces.len()).collect();
     sequence.sort_by_key(|&i| {
         let mask = &pieces[i].mask;
-        let side = u64::from(mask.size[0].max(mask.size[1]));
+        let [long, short] = [mask.size[0].max(mask.size[1]), mask.size[0].min(mask.size[1])].map(u64::from);
         let keys = match order {
-            Order::Side => [side, mask.texels],
-            Order::Texels => [mask.texels, side],
+            Order::Side => [long, mask.texels],
+            Order::Texels => [mask.texels, long],
+            Order::Round => [long + short, mask.texels],
+            Order::Width => [short, long],
         };
         (std::cmp::Reverse(keys), std::cmp::Reverse(mask.size), i)
     });

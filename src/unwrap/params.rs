@@ -113,8 +113,10 @@ pub enum PageSizes {
 
 /// A factor on the density of each chart, as light that varies much there asks for.
 ///
-/// The number of texels in all stays what [`UnwrapParams::density`] makes it: factors count relative to each other. It is for
-/// charts that are packed anew; authored UVs that are kept have one factor a mesh, the root of the mean square over its charts.
+/// The number of texels that charts of shown surfaces touch stays what [`UnwrapParams::density`] makes it without factors, which count
+/// relative to each other: the density is searched for at which it does. Where the pages have no room for 98 % of them, factors are
+/// taken back. It is for charts that are packed anew; authored UVs that are kept have one factor a mesh, the root of the mean square
+/// over its charts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Importance {
     /// By mesh, then by chart as [`super::MeshUvs::chart`] numbers them in an atlas of the same scene by the same unwrapper, whatever
@@ -123,6 +125,12 @@ pub struct Importance {
 }
 
 impl Importance {
+    /// All factors to the power of `strength`.
+    pub(super) fn to_the(&self, strength: f32) -> Self {
+        let factors = self.factors.iter().map(|charts| charts.iter().map(|f| f.powf(strength)).collect());
+        Self { factors: factors.collect() }
+    }
+
     /// The factor of a chart.
     pub fn of(&self, mesh: usize, chart: usize) -> f64 {
         let factor = self.factors.get(mesh).and_then(|charts| charts.get(chart)).copied().unwrap_or(1.0);
