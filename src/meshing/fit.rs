@@ -29,7 +29,11 @@ const DOUBTFUL: f64 = 1e-7;
 const BEYOND: f32 = 0.25;
 /// Steps of conjugate gradients, at most: mass matrices need few (Wathen 1987).
 const STEPS: usize = 60;
-/// The residual at which they end, relative to the first.
+/// Rounds of relaxation within limits, and the part of a full step that each takes: mass matrices have eigenvalues up to 2 beside
+/// their diagonal (Wathen 1987).
+const RELAXATIONS: usize = 24;
+const RELAXATION: f64 = 0.7;
+/// The residual at which conjugate gradients end, relative to the first.
 const RESIDUAL: f64 = 1e-5;
 
 /// Which corners share a value.
@@ -208,43 +212,66 @@ pub fn fit(
     }
     let mean = |(sum, weight): &(DVec3, f64)| if *weight > 0.0 { *sum / *weight } else { DVec3::ZERO };
     let start = start.unwrap_or_else(|| sums.iter().map(mean).collect());
-    let values = solve(&blocks, right, start);
-    values
-        .into_iter()
-        .zip(bounds)
-        .map(|(value, (low, high))| {
-            let value = value.as_vec3();
-            if !low.is_finite() {
-                return value.max(Rgb::ZERO);
-            }
-            let margin = (high - low) * BEYOND;
-            value.clamp((low - margin).max(Rgb::ZERO), high + margin)
-        })
-        .collect()
+    let limits: Vec<(DVec3, DVec3)> = bounds.into_iter().map(|(low, high)| limits(low, high)).collect();
+    let mut values = solve(&blocks, right.clone(), start);
+    let clamped: Vec<DVec3> = values.iter().zip(&limits).map(|(v, (low, high))| v.clamp(*low, *high)).collect();
+    if clamped != values {
+        values = within(&blocks, &right, clamped, &limits);
+    }
+    values.into_iter().map(|v| v.as_vec3()).collect()
+}
+
+/// The limits of a value around which samples go from `low` to `high`; those of any light where there are none.
+fn limits(low: Rgb, high: Rgb) -> (DVec3, DVec3) {
+    if !low.is_finite() {
+        return (DVec3::ZERO, DVec3::INFINITY);
+    }
+    let margin = (high - low) * BEYOND;
+    ((low - margin).max(Rgb::ZERO).as_dvec3(), (high + margin).as_dvec3())
+}
+
+/// The best values within `limits`, by projected relaxation from `x`: values that may not go further leave their light to others.
+fn within(blocks: &[Block], right: &[DVec3], mut x: Vec<DVec3>, limits: &[(DVec3, DVec3)]) -> Vec<DVec3> {
+    let inverse = inverse_diagonal(blocks, x.len());
+    for _ in 0..RELAXATIONS {
+        let image = apply(blocks, &x);
+        for (k, x) in x.iter_mut().enumerate() {
+            let step = (right[k] - image[k]) * (RELAXATION * inverse[k]);
+            *x = (*x + step).clamp(limits[k].0, limits[k].1);
+        }
+    }
+    x
+}
+
+/// The inverse of the diagonal of the normal equations; 0 where nothing is said.
+fn inverse_diagonal(blocks: &[Block], count: usize) -> Vec<f64> {
+    let mut diagonal = vec![0.0; count];
+    for block in blocks {
+        (0..3).for_each(|k| diagonal[block.groups[k]] += block.matrix[k]);
+    }
+    diagonal.into_iter().map(|d| if d > 0.0 { 1.0 / d } else { 0.0 }).collect()
+}
+
+/// The normal equations' matrix times `v`.
+fn apply(blocks: &[Block], v: &[DVec3]) -> Vec<DVec3> {
+    let mut out = vec![DVec3::ZERO; v.len()];
+    for block in blocks {
+        let [a, b, c] = block.groups;
+        let [aa, bb, cc, ab, bc, ca] = block.matrix;
+        out[a] += v[a] * aa + v[b] * ab + v[c] * ca;
+        out[b] += v[a] * ab + v[b] * bb + v[c] * bc;
+        out[c] += v[a] * ca + v[b] * bc + v[c] * cc;
+    }
+    out
 }
 
 /// Conjugate gradients, preconditioned by the diagonal, for the three channels at once.
 fn solve(blocks: &[Block], mut residual: Vec<DVec3>, mut x: Vec<DVec3>) -> Vec<DVec3> {
-    let mut diagonal = vec![0.0; x.len()];
-    for block in blocks {
-        (0..3).for_each(|k| diagonal[block.groups[k]] += block.matrix[k]);
-    }
-    let inverse: Vec<f64> = diagonal.iter().map(|d| if *d > 0.0 { 1.0 / d } else { 0.0 }).collect();
-    let apply = |v: &[DVec3]| {
-        let mut out = vec![DVec3::ZERO; v.len()];
-        for block in blocks {
-            let [a, b, c] = block.groups;
-            let [aa, bb, cc, ab, bc, ca] = block.matrix;
-            out[a] += v[a] * aa + v[b] * ab + v[c] * ca;
-            out[b] += v[a] * ab + v[b] * bb + v[c] * bc;
-            out[c] += v[a] * ca + v[b] * bc + v[c] * cc;
-        }
-        out
-    };
+    let inverse = inverse_diagonal(blocks, x.len());
     let dot = |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).fold(DVec3::ZERO, |sum, (a, b)| sum + *a * *b);
     let condition = |r: &[DVec3]| r.iter().zip(&inverse).map(|(r, i)| *r * *i).collect::<Vec<DVec3>>();
     let quotient = |a: DVec3, b: DVec3| DVec3::select(b.cmpgt(DVec3::ZERO), a / b, DVec3::ZERO);
-    residual.iter_mut().zip(apply(&x)).for_each(|(r, a)| *r -= a);
+    residual.iter_mut().zip(apply(blocks, &x)).for_each(|(r, a)| *r -= a);
     let mut z = condition(&residual);
     let mut direction = z.clone();
     let mut energy = dot(&residual, &z);
@@ -253,7 +280,7 @@ fn solve(blocks: &[Block], mut residual: Vec<DVec3>, mut x: Vec<DVec3>) -> Vec<D
         if !energy.cmpgt(enough).any() {
             break;
         }
-        let image = apply(&direction);
+        let image = apply(blocks, &direction);
         let step = quotient(energy, dot(&direction, &image));
         x.iter_mut().zip(&direction).for_each(|(x, d)| *x += *d * step);
         residual.iter_mut().zip(&image).for_each(|(r, i)| *r -= *i * step);

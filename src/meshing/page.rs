@@ -52,7 +52,7 @@ mod tests {
         page.rgb[5] = Rgb::ONE;
         assert_eq!(sample_page(&page, Vec2::new(2.5, 0.5), |_| false), None);
         assert_eq!(sample_page(&page, Vec2::new(2.5, 0.5), |i| i == 5), Some(Rgb::ONE));
-        assert_eq!(sample_page(&page, Vec2::new(5.9, 0.5), |i| i >= 5), Some(Rgb::splat(0.6)));
+        assert_eq!(sample_page(&page, Vec2::new(5.75, 0.5), |i| i >= 5), Some(Rgb::splat(0.75)));
         assert_eq!(sample_page(&page, Vec2::new(-9.0, 70.0), |i| i == 5), None);
     }
 }

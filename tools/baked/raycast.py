@@ -51,6 +51,14 @@ class Caster:
         """The first triangle along each ray whatever side it shows, -1: none."""
         return self.scene.run(origin.astype(np.float32), direction.astype(np.float32), output=1)["primID"]
 
+    def hidden(self, triangle: np.ndarray, weights: np.ndarray, near: float = 0.01) -> np.ndarray:
+        """Points that nobody sees: something is as near as `near` [m] right before them, or shows them its back."""
+        normal = self.normals[triangle] / np.linalg.norm(self.normals[triangle], axis=1, keepdims=True)
+        place = (self.triangles.position[triangle] * weights[..., None]).sum(1) + 1e-4 * normal
+        hit = self.scene.run(place.astype(np.float32), normal.astype(np.float32), output=1)
+        facing = (self.normals[hit["primID"]] * normal).sum(1)
+        return (hit["primID"] >= 0) & ((facing > 0) | (hit["tfar"] < near))
+
     def picture(self, camera: Camera, width: int, height: int, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
         """Radiance (H, W, 3) [nit], and the share of each pixel that a surface covers (H, W)."""
         origin, direction = camera.rays(width, height, samples)

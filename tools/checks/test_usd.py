@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from baked.pages import bilinear, read_page
+from baked import triangles
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, UsdValidation
 
 LAYERS = ["cornell_box.usda", "furnace.usda", "sunroom.usda"]
@@ -107,25 +107,21 @@ def test_uvs_and_page_of_every_mesh_resolve(opened):
         assert attribute_above(prim, "lumel:quantity").Get() == "outgoing"
 
 
-def test_numbers_equal_those_of_the_page(opened):
-    """`primvars:lumel:irradiance` at each corner is the page's value there: exact but for the average over shared corners."""
-    _, stage = opened
+def test_light_is_that_of_the_vertex_glb(opened):
+    """`primvars:lumel:irradiance` holds the same values, prim by prim, as the GLB with vertex colours, which is held against the page."""
+    done, stage = opened
+    other = triangles.load(done.vertex_glb)
     compared = 0
     for prim in baked_meshes(stage):
         primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("lumel:irradiance")
         if not (primvar and primvar.HasValue()):
             assert prim.IsInstanceProxy(), f"{prim.GetPath()}: no primvars:lumel:irradiance"
             continue
-        uv, given = lightmap_uvs(prim), at_corners(prim, primvar)
-        page = read_page(page_of(prim)).rgb
-        sampled = bilinear(page, np.stack([uv[:, 0], 1 - uv[:, 1]], 1))
-        scale = page.mean()
-        assert given.shape == sampled.shape
-        assert np.isfinite(given).all()
-        off = np.abs(given - sampled) / (np.abs(sampled) + 0.05 * scale)
-        assert np.median(off) < 0.03, f"{prim.GetPath()}: median {np.median(off):.3f}"
-        compared += len(uv)
-    assert compared > 20
+        given = np.unique(at_corners(prim, primvar), axis=0)
+        light = np.unique(other.irradiance[other.node == other.names.index(str(prim.GetPath()))].reshape(-1, 3), axis=0)
+        assert given.shape == light.shape and np.allclose(given, light, rtol=1e-5), prim.GetPath()
+        compared += 1
+    assert compared >= 3
 
 
 def test_display_colour_shows_the_light(opened):
