@@ -3,13 +3,12 @@
 mod cut;
 mod files;
 
-use cut::{FACES, POINTS, assert_closed, cut};
+use cut::{FACES, POINTS, assert_closed, cut, hidden};
 use files::Folder;
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use lumel::load::{LoadOptions, Loaded, load_with};
 use lumel::meshing::{LitMesh, VertexLight};
 use lumel::post::Quantity;
-use lumel::unwrap::{Atlas, Placement};
 use lumel::write::{Baked, BakedLights, usd};
 use openusd::gf::{Vec2f, Vec3f};
 use openusd::sdf::FromValue;
@@ -47,15 +46,7 @@ fn layers(name: &str, usda: &str, light: impl Fn(&Loaded, usize) -> LitMesh) -> 
     let folder = Folder::new(&format!("vertex layer {name}"));
     let loaded = load_with(&folder.write("room.usda", usda), &LoadOptions::default()).unwrap();
     let scene = &loaded.scene;
-    let atlas = Atlas {
-        pages: Vec::new(),
-        meshes: Vec::new(),
-        // Without pages every surface is hidden, so that the lightmap layer holds the colours alone.
-        placements: vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }; scene.surfaces.len()],
-        density: 1.0,
-        padding: 2,
-        shown_pages: 0,
-    };
+    let atlas = hidden(scene);
     let vertices = VertexLight { surfaces: (0..scene.surfaces.len()).map(|s| light(&loaded, s)).collect() };
     let baked = Baked {
         scene,

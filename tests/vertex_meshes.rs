@@ -5,7 +5,7 @@ mod files;
 mod glb;
 mod gltf_document;
 
-use cut::{FACES, POINTS, assert_closed, cut};
+use cut::{FACES, POINTS, assert_closed, cut, hidden};
 use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3};
 use glb::Glb;
 use gltf_document::{Builder, Folder};
@@ -15,7 +15,6 @@ use lumel::load::{Loaded, Source};
 use lumel::meshing::{LitMesh, LitTriangle, VertexLight};
 use lumel::post::Quantity;
 use lumel::scene::{Material, Mesh, Scene, Surface, SurfaceOrigin, TriangleOrigin, UvSet};
-use lumel::unwrap::{Atlas, Placement};
 use lumel::write::{Baked, BakedLights, GltfProfile, VertexColors};
 use serde_json::{Value, json};
 
@@ -24,14 +23,7 @@ fn write(scene: &Scene, source: &Source, light: &VertexLight, form: VertexColors
     let folder = std::env::temp_dir().join(format!("lumel-vertex-meshes-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join(format!("{:?}.glb", std::thread::current().id()));
-    let atlas = Atlas {
-        pages: Vec::new(),
-        meshes: Vec::new(),
-        placements: vec![Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO }; scene.surfaces.len()],
-        density: 1.0,
-        padding: 2,
-        shown_pages: 0,
-    };
+    let atlas = hidden(scene);
     let baked = Baked {
         scene,
         source,

@@ -7,6 +7,7 @@
 use super::MeshParams;
 use super::Weights;
 use super::fine::Piece;
+use super::fit::relative_error;
 use super::refine::{Work, deal};
 use super::sample::{Source, Within};
 use crate::Result;
@@ -127,13 +128,6 @@ impl Work {
         around.par_iter().enumerate().filter_map(best).collect()
     }
 
-    /// The squared error of a piece, by the weights of the fit.
-    fn squares(&self, piece: usize, mean: f32) -> f64 {
-        let mut sum = 0.0;
-        self.each_error(piece, |s, _, difference| sum += s.weight(mean) * difference.length_squared());
-        sum
-    }
-
     /// The points that `point` may move onto.
     fn neighbours(&self, point: u32, star: &[u32]) -> Vec<u32> {
         let mut found = BTreeSet::new();
@@ -214,10 +208,12 @@ impl Work {
             deal(from.flat_map(|p| self.members[p].iter().copied()), &self.samples, &parts, &mut dealt);
             of.into_iter().zip(dealt).for_each(|(k, dealt)| members[k] = dealt);
         }
-        let before: f64 = star.iter().map(|p| self.squares(*p as usize, mean)).sum();
+        let error = PART * params.error;
+        let was = |p: usize| self.judge(&pieces[p], &self.corners(p), &self.members[p], error, mean).0;
+        let before: f64 = star.iter().map(|p| was(*p as usize)).sum();
         let (mut after, mut is_free) = (0.0, true);
         for (((_, piece), values), members) in new.iter().zip(&values).zip(&members) {
-            let (squares, wrong) = self.judge(piece, values, members, PART * params.error, mean);
+            let (squares, wrong) = self.judge(piece, values, members, error, mean);
             after += squares;
             is_free &= wrong <= SHARE;
         }
@@ -237,17 +233,14 @@ impl Work {
 
     /// The squared error of a piece with `values` at its corners, and the share of its area that is off by more than `error`.
     fn judge(&self, piece: &Piece, values: &[DVec3; 3], members: &[u32], error: f64, mean: f32) -> (f64, f64) {
-        let Some(within) = Within::new(&piece.corners) else { return (f64::INFINITY, 1.0) };
         let (mut squares, mut wrong, mut area) = (0.0, 0.0, 0.0);
-        for s in members.iter().map(|s| &self.samples.all[*s as usize]).filter(|s| !s.is_doubtful) {
-            let w = within.weights(s.weights());
-            let difference = values[0] * w.x + values[1] * w.y + values[2] * w.z - s.value.as_dvec3();
+        self.samples.each_error(&piece.corners, values, members, |s, _, difference| {
             squares += s.weight(mean) * difference.length_squared();
             area += f64::from(s.area);
-            if super::fit::relative_error(difference, s.level(mean)) > error {
+            if relative_error(difference, s.level(mean)) > error {
                 wrong += f64::from(s.area);
             }
-        }
+        });
         (squares, if area > 0.0 { wrong / area } else { 0.0 })
     }
 

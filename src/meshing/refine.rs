@@ -113,15 +113,10 @@ impl Work {
         self.groups.of[piece].map(|g| self.values[g as usize].as_dvec3())
     }
 
-    /// Calls `found` with each sample of a piece that is judged, its weights in the piece, and what is shown there less its value.
-    pub fn each_error(&self, piece: usize, mut found: impl FnMut(&super::sample::Sample, DVec3, DVec3)) {
-        let Some(within) = Within::new(&self.fine.pieces[piece].corners) else { return };
-        let values = self.corners(piece);
-        for s in self.members[piece].iter().map(|s| &self.samples.all[*s as usize]).filter(|s| !s.is_doubtful) {
-            let w = within.weights(s.weights());
-            let shown = values[0] * w.x + values[1] * w.y + values[2] * w.z;
-            found(s, w, shown - s.value.as_dvec3());
-        }
+    /// Calls `found` with each sample of piece `piece` that is judged: see [`Samples::each_error`].
+    pub fn each_error(&self, piece: usize, found: impl FnMut(&Sample, DVec3, DVec3)) {
+        let corners = &self.fine.pieces[piece].corners;
+        self.samples.each_error(corners, &self.corners(piece), &self.members[piece], found);
     }
 
     /// What piece `piece` asks for, where it misses more of the light than it may.

@@ -116,6 +116,23 @@ impl Samples {
         self.all.len() as u32 - 1
     }
 
+    /// Calls `found` with each of `members` that is judged, in a piece with the corners `corners` and `values` there: the sample, its
+    /// weights in the piece, and what is shown there less its value.
+    pub fn each_error(
+        &self,
+        corners: &[Weights; 3],
+        values: &[DVec3; 3],
+        members: &[u32],
+        mut found: impl FnMut(&Sample, DVec3, DVec3),
+    ) {
+        let Some(within) = Within::new(corners) else { return };
+        for s in members.iter().map(|s| &self.all[*s as usize]).filter(|s| !s.is_doubtful) {
+            let w = within.weights(s.weights());
+            let shown = values[0] * w.x + values[1] * w.y + values[2] * w.z;
+            found(s, w, shown - s.value.as_dvec3());
+        }
+    }
+
     /// The numbers of the samples of triangle `triangle`.
     pub fn of(&self, triangle: usize) -> std::ops::Range<u32> {
         self.first[triangle]..self.first[triangle + 1]
@@ -144,10 +161,10 @@ fn each_middle(corners: [Vec2; 3], mut found: impl FnMut(u32, u32, DVec3)) {
         return;
     }
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-    let range = |low: f64, high: f64| (low - 0.5).ceil().max(0.0) as u32..=(high - 0.5).floor().max(-1.0) as i64 as u32;
-    if high.x < 0.5 || high.y < 0.5 {
+    if high.min_element() < 0.5 {
         return;
     }
+    let range = |low: f64, high: f64| (low - 0.5).ceil().max(0.0) as u32..=(high - 0.5).floor() as u32;
     for y in range(low.y, high.y) {
         for x in range(low.x, high.x) {
             let p = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);

@@ -1,10 +1,11 @@
 //! A tetrahedron, and a way to cut meshes that tests know by heart.
 #![allow(dead_code)] // each test file uses its own share
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use lumel::color::Rgb;
 use lumel::meshing::{LitMesh, LitTriangle, Weights};
-use lumel::scene::Mesh;
+use lumel::scene::{Mesh, Scene};
+use lumel::unwrap::{Atlas, Placement};
 use std::collections::HashMap;
 
 /// A tetrahedron's corners: numbers whose blends need rounding.
@@ -31,6 +32,19 @@ fn pieces(source: u32, p: [Vec3; 3]) -> Vec<LitTriangle> {
         Rgb::new(1.0, 2.0, 3.0) + at.as_vec3().abs()
     };
     all.into_iter().map(|corners| LitTriangle { source, corners, values: corners.map(light) }).collect()
+}
+
+/// An atlas without pages: every surface is hidden, and has vertex colours alone.
+pub fn hidden(scene: &Scene) -> Atlas {
+    let placement = Placement { page: 0, scale: Vec2::ONE, offset: Vec2::ZERO };
+    Atlas {
+        pages: Vec::new(),
+        meshes: Vec::new(),
+        placements: vec![placement; scene.surfaces.len()],
+        density: 1.0,
+        padding: 2,
+        shown_pages: 0,
+    }
 }
 
 pub fn cut(mesh: &Mesh) -> LitMesh {
