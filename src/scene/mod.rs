@@ -3,6 +3,7 @@
 //! Loaders make a [`Scene`], [`validate`](validate::validate) checks its postconditions, and every later stage relies on
 //! them: all indices are in range, all numbers finite, no triangle is degenerate in its mesh's space.
 
+pub mod camera;
 pub mod clear_sky;
 pub mod contribution;
 pub mod environment;
@@ -16,6 +17,7 @@ pub mod texture;
 pub mod validate;
 pub mod web;
 
+pub use camera::{Camera, Lens, Projection};
 pub use contribution::{BakeMode, Contribution};
 pub use environment::Environment;
 pub use light::{Light, LightShape, Shaping};
@@ -38,6 +40,7 @@ pub struct Scene {
     pub surfaces: Vec<Surface>,
     pub lights: Vec<Light>,
     pub environment: Option<Environment>,
+    pub cameras: Vec<Camera>,
 }
 
 /// One placed mesh: a glTF node with its mesh, or a USD gprim (an instance of one, too).

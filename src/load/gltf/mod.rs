@@ -1,16 +1,17 @@
 //! glTF 2.0 reader: .gltf and .glb to a [`Scene`].
 //!
 //! The `gltf` crate's JSON types are used item by item, so that parts of a file that a bake doesn't need (animations,
-//! cameras, unknown extensions) can't make it fail; accessors, buffers and images are decoded here, with every offset and
+//! unknown extensions) can't make it fail; accessors, buffers and images are decoded here, with every offset and
 //! count checked before memory is taken.
 //!
 //! What is read: node trees, triangles of every kind, sparse, quantized and meshopt-compressed accessors, morph targets and
 //! skins at rest or at a moment of an animation, base colour, emission, opacity and transmission with their textures and
-//! variants, lights, light profiles, projectors, the sky, instances. Limits: Draco and Basis Universal can't be decoded; each is said. The table of
+//! variants, lights, light profiles, projectors, the sky, cameras, instances. Limits: Draco and Basis Universal can't be decoded; each is said. The table of
 //! `extension` has the rest.
 
 mod accessor;
 mod animation;
+mod camera;
 mod contribution;
 mod document;
 mod environment;
@@ -70,6 +71,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let pose = animation::pose(&document, options, &mut warnings)?;
     let nodes = node::flatten(&document, &pose, &mut warnings)?;
     let mut lights = light::lights(&document, &nodes, &mut warnings)?;
+    let cameras = camera::cameras(&document, &nodes, &mut warnings)?;
     let profiles = profile::lights(&document, &nodes, &mut lights, &mut warnings)?;
     document.inputs.extend(profiles);
     let mut meshes = mesh::MeshReader::new(&document);
@@ -89,7 +91,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let (materials, mut textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
     document.inputs.extend(pictures);
     let environment = environment::read(&mut document, &mut textures, &mut warnings)?;
-    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment };
+    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment, cameras };
     let slides = projector::read(&document, &mut scene, &mut warnings)?;
     document.inputs.extend(slides);
     access.finish()?;

@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// Names kept of a deeper path; a chain of a hundred thousand nodes would else take gigabytes of names.
 const MAX_NAMES: usize = 256;
 
-/// A node of the scene that holds a mesh, a light or a light profile.
+/// A node of the scene that holds a mesh, a light, a light profile or a camera.
 pub(super) struct PlacedNode {
     /// Index into the document's nodes.
     pub index: usize,
@@ -31,6 +31,7 @@ pub(super) struct PlacedNode {
     pub light: Option<usize>,
     /// EXT_lights_area.
     pub area_light: Option<usize>,
+    pub camera: Option<usize>,
     pub world_from_local: DAffine3,
     /// Weights of morph targets; empty where the mesh's own are meant.
     pub weights: Vec<f32>,
@@ -81,7 +82,7 @@ struct Tree<'a> {
     skins: BTreeMap<usize, Arc<Skin>>,
 }
 
-/// The nodes of the default scene that hold a mesh or a light, parents before children, each where `pose` has it.
+/// The nodes of the default scene that hold a mesh, a light or a camera, parents before children, each where `pose` has it.
 ///
 /// # Errors
 /// `Invalid` where nodes form a cycle, one has two parents, or what a node names is broken.
@@ -166,7 +167,7 @@ pub(super) fn flatten(document: &Document, pose: &Pose, warnings: &mut Warnings)
 }
 
 impl Tree<'_> {
-    /// Node `index` as it is placed; `None` where it holds nothing that a bake is about.
+    /// Node `index` as it is placed; `None` where it holds nothing that is read.
     fn place(
         &mut self,
         index: usize,
@@ -182,7 +183,9 @@ impl Tree<'_> {
         let area_light = other("EXT_lights_area").and_then(|l| l.get("light")?.as_u64());
         let area_light = area_light.and_then(|l| usize::try_from(l).ok());
         let mesh = node.mesh.map(|m| m.value());
-        if mesh.is_none() && light.is_none() && area_light.is_none() && other("EXT_lights_ies").is_none() {
+        let camera = node.camera.map(|c| c.value());
+        let is_light = light.is_some() || area_light.is_some() || other("EXT_lights_ies").is_some();
+        if mesh.is_none() && camera.is_none() && !is_light {
             return Ok(None);
         }
         let name = name();
@@ -209,6 +212,7 @@ impl Tree<'_> {
             mesh,
             light,
             area_light,
+            camera,
             world_from_local,
             weights,
             skin,

@@ -8,6 +8,7 @@
 //! The stage's unit and up axis are folded into transforms; mesh positions stay as authored. UVs are flipped to v down.
 
 mod binding;
+mod camera;
 mod contribution;
 mod crate_size;
 mod dome;

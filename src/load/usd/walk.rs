@@ -6,7 +6,7 @@ use super::read::{self, Reading};
 use super::role;
 use super::skel::Skeletons;
 use super::surface::{MeshKey, ShiningKey};
-use super::{contribution, light, shape, xform};
+use super::{camera, contribution, light, shape, xform};
 use crate::error::Warnings;
 use crate::load::access::Access;
 use crate::load::options::{LoadOptions, Purpose};
@@ -307,7 +307,12 @@ impl Walk {
             w.add(prim.path(), format!("{what} are not supported yet and were left out"));
         };
         match kind {
-            "" | "Xform" | "Scope" | "Camera" | "SkelRoot" | "Skeleton" | "SkelAnimation" | "BlendShape" => {}
+            "" | "Xform" | "Scope" | "SkelRoot" | "Skeleton" | "SkelAnimation" | "BlendShape" => {}
+            "Camera" => {
+                if self.expanding.is_empty() {
+                    camera::read_camera(self, prim, state);
+                }
+            }
             // Known families that show nothing.
             kind if ["Render", "Physics"].iter().any(|family| kind.starts_with(family)) => {}
             "Mesh" => self.place_gprim(prim, kind, state),
