@@ -30,6 +30,7 @@ pub mod progress;
 pub mod reference;
 pub mod report;
 pub mod sample;
+pub mod scatter;
 pub mod scene;
 pub mod settings;
 pub mod solve;

@@ -7,9 +7,11 @@ use super::{Ground, footprint::Piece, stop::LEAST_STOP};
 use crate::Result;
 use crate::color::Rgb;
 use crate::progress::Progress;
-use crate::scene::material::{mean_share, passing};
-use crate::scene::{Alpha, Material, Mesh, Scene, TextureSlot};
-use glam::{Vec2, Vec4};
+use crate::scene::look::bounded;
+pub use crate::scene::look::{MOST_ALBEDO, albedo_at, emission_at, passing_at};
+use crate::scene::material::mean_share;
+use crate::scene::{Material, Mesh, Scene, TextureSlot};
+use glam::Vec2;
 use rayon::prelude::*;
 
 /// Diffuse albedo of each patch, 0..=[`MOST_ALBEDO`]: of the light that it stops, what it sends back. Where a patch lets one channel
@@ -20,10 +22,6 @@ pub struct Reflectance(pub Palette);
 /// Radiance that each patch emits from its front [nit], as far as it stops light; M = pi L.
 #[derive(Clone, Debug)]
 pub struct Emission(pub Palette);
-
-/// The highest albedo that is baked. Between surfaces that absorb nothing light never dies out; fresh snow and the whitest
-/// paints reach this, and glTF's default material, which says 1, means nothing of the kind.
-pub const MOST_ALBEDO: f32 = 0.97;
 
 /// Texture look-ups along one side of a piece, at most: 16 x 16 of them average a footprint of any size well enough.
 const MOST_SAMPLES_A_SIDE: u32 = 16;
@@ -135,71 +133,10 @@ fn samples_a_side(scene: &Scene, mesh: &Mesh, triangle: usize, slot: &TextureSlo
     (pixels.sqrt().ceil() as u32).clamp(2, MOST_SAMPLES_A_SIDE)
 }
 
-/// Linear RGBA of a texture slot at weights `at` of a triangle.
-fn look_up(scene: &Scene, mesh: &Mesh, triangle: usize, slot: &TextureSlot, at: Vec2) -> Vec4 {
-    let Some(uv) = mesh.uv_set(&slot.uv_set) else { return Vec4::ONE };
-    let [a, b, c] = mesh.triangles[triangle].map(|v| uv[v as usize]);
-    let uv = slot.image_from_uv.transform_point2(a + (b - a) * at.x + (c - a) * at.y);
-    scene.textures[slot.texture].sample(uv, slot.wrap) * slot.scale + slot.bias
-}
-
-/// Diffuse albedo at a point of a triangle, 0..=[`MOST_ALBEDO`].
-pub fn albedo_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
-    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
-    let mut albedo = material.albedo;
-    if let Some(slot) = &material.albedo_texture {
-        albedo *= look_up(scene, mesh, triangle, slot, at).truncate();
-    }
-    if !mesh.colors.is_empty() {
-        let [a, b, c] = mesh.triangles[triangle].map(|v| mesh.colors[v as usize].truncate());
-        albedo *= a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
-    }
-    bounded(albedo)
-}
-
-fn bounded(albedo: Rgb) -> Rgb {
-    albedo.clamp(Rgb::ZERO, Rgb::splat(MOST_ALBEDO))
-}
-
 /// The materials of `scene` that are whiter than [`MOST_ALBEDO`] where no texture darkens them.
 pub fn too_white(scene: &Scene) -> impl Iterator<Item = &Material> {
     let used: std::collections::BTreeSet<u32> =
         scene.surfaces.iter().flat_map(|s| scene.meshes[s.mesh].triangle_material.iter().copied()).collect();
     let materials = used.into_iter().map(|m| &scene.materials[m as usize]);
     materials.filter(|m| m.albedo_texture.is_none() && m.albedo.max_element() > MOST_ALBEDO)
-}
-
-/// Opacity at a point of a triangle, 0..=1, and the share of light, by channel, that passes there.
-pub fn passing_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> (f32, Rgb) {
-    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
-    if !material.lets_light_through() {
-        return (1.0, Rgb::ZERO);
-    }
-    let opacity = opacity_at(scene, mesh, triangle, at);
-    let tint = material.transmission_texture.as_ref();
-    let tint = tint.map_or(Rgb::ONE, |slot| look_up(scene, mesh, triangle, slot, at).truncate());
-    (opacity, passing(opacity, material.transmission * tint))
-}
-
-fn opacity_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> f32 {
-    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
-    if material.alpha == Alpha::Opaque {
-        return 1.0;
-    }
-    let mut alpha = material.opacity_slot().map_or(1.0, |slot| look_up(scene, mesh, triangle, slot, at).w);
-    if !mesh.colors.is_empty() {
-        let [a, b, c] = mesh.triangles[triangle].map(|v| mesh.colors[v as usize].w);
-        alpha *= a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
-    }
-    material.alpha.share(alpha)
-}
-
-/// Emitted radiance at a point of a triangle [nit], as far as it is opaque.
-pub fn emission_at(scene: &Scene, mesh: &Mesh, triangle: usize, at: Vec2) -> Rgb {
-    let material = &scene.materials[mesh.triangle_material[triangle] as usize];
-    let emission = match &material.emission_texture {
-        Some(slot) => (material.emission * look_up(scene, mesh, triangle, slot, at).truncate()).max(Rgb::ZERO),
-        None => material.emission,
-    };
-    emission * opacity_at(scene, mesh, triangle, at)
 }

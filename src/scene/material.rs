@@ -1,5 +1,6 @@
 //! Diffuse materials: what radiosity needs of a glTF or UsdPreviewSurface material.
 
+use super::appearance::Appearance;
 use super::contribution::Contribution;
 use super::texture::Wrap;
 use crate::color::Rgb;
@@ -28,6 +29,8 @@ pub struct Material {
     pub opacity_texture: Option<TextureSlot>,
     /// What of its emission's light is baked (never dynamic), and its group.
     pub contribution: Contribution,
+    /// What it looks like beyond its diffuse stand-in above; `None` where it is matte. Radiosity doesn't read it.
+    pub appearance: Option<Appearance>,
 }
 
 /// What a material's opacity does.
@@ -109,6 +112,7 @@ impl Default for Material {
             transmission: Rgb::ZERO,
             transmission_texture: None,
             contribution: Contribution::default(),
+            appearance: None,
         }
     }
 }

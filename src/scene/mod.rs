@@ -3,12 +3,14 @@
 //! Loaders make a [`Scene`], [`validate`](validate::validate) checks its postconditions, and every later stage relies on
 //! them: all indices are in range, all numbers finite, no triangle is degenerate in its mesh's space.
 
+pub mod appearance;
 pub mod camera;
 pub mod clear_sky;
 pub mod contribution;
 pub mod environment;
 pub mod light;
 pub mod link;
+pub mod look;
 pub mod material;
 pub mod mesh;
 pub mod projector;
@@ -17,6 +19,7 @@ pub mod texture;
 pub mod validate;
 pub mod web;
 
+pub use appearance::{Appearance, Channel, ChannelSlot, Dielectric, Lobe, Lobes, Walls};
 pub use camera::{Camera, Lens, Projection};
 pub use contribution::{BakeMode, Contribution};
 pub use environment::Environment;

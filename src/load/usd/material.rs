@@ -273,6 +273,7 @@ impl Materials {
             transmission: transmission.factor.clamp(Rgb::ZERO, Rgb::ONE),
             transmission_texture: transmission.texture,
             contribution: contribution::opinion(prim, &names, &Contribution::default(), w),
+            appearance: None,
         };
         Parsed { material, display_color: base.display_color }
     }
