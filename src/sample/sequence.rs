@@ -31,6 +31,10 @@ pub enum Stage {
     Openness,
     LightProbe,
     Emitted,
+    Walk,
+    LightWalk,
+    Chain,
+    Photon,
 }
 
 impl Sequence {

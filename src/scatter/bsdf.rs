@@ -1,7 +1,7 @@
 //! The scattering of light at a point of a surface (BSDF), in a frame whose +Z is the shading normal on the material's front.
 
 use super::lafortune::Measured;
-use super::layered::{Clear, Layered};
+use super::layered::{Clear, Layered, STRATEGIES};
 use super::pane::Pane;
 use super::{Scattered, Transport};
 use crate::color::Rgb;
@@ -77,8 +77,7 @@ impl<'a> Bsdf<'a> {
             Lobes::Measured(measured) => measured.sample(o, u, mode),
             Lobes::Pane(pane) => pane.sample(o, u, mode),
         }?;
-        let z = if wo.z < 0.0 { -drawn.direction.z } else { drawn.direction.z };
-        Some(Scattered { direction: drawn.direction.with_z(z), weight: drawn.weight * self.share, ..drawn })
+        Some(self.back_in_place(wo, drawn))
     }
 
     /// All that it does goes in single directions: `evaluate` is black everywhere.
@@ -121,6 +120,33 @@ impl<'a> Bsdf<'a> {
             Lobes::Layered(layered) if layered.clear > 0.0 && layered.kind == Clear::Solid => layered.ior,
             _ => 1.0,
         }
+    }
+
+    /// Lambert's, of `albedo` on the front, and black behind.
+    pub fn lambert(albedo: Rgb) -> Self {
+        Self { lobes: Lobes::Diffuse(albedo), back: Back::Black, share: 1.0 }
+    }
+
+    /// Some light goes on to the other side.
+    pub fn transmits(&self) -> bool {
+        matches!(&self.lobes, Lobes::Layered(layered) if layered.clear > 0.0)
+    }
+
+    /// All single directions that light from `wo` is sent on in, each with the whole of its share.
+    pub fn singles(&self, wo: Vec3, mode: Transport) -> [Option<Scattered>; STRATEGIES] {
+        let Some((lobes, o, _)) = self.turned(wo, wo) else { return [None; STRATEGIES] };
+        let singles = match &lobes {
+            Lobes::Layered(layered) => layered.singles(o, mode),
+            Lobes::Pane(pane) => [Some(pane.single(o)), None, None, None, None],
+            Lobes::Diffuse(_) | Lobes::Measured(_) => [None; STRATEGIES],
+        };
+        singles.map(|single| single.map(|drawn| self.back_in_place(wo, drawn)))
+    }
+
+    /// What was drawn on the side of `wo`, in the frame of the front.
+    fn back_in_place(&self, wo: Vec3, drawn: Scattered) -> Scattered {
+        let z = if wo.z < 0.0 { -drawn.direction.z } else { drawn.direction.z };
+        Scattered { direction: drawn.direction.with_z(z), weight: drawn.weight * self.share, ..drawn }
     }
 
     /// Both directions in the frame of the side that `wo` is on, and the lobes of that side; `None` where it is black.

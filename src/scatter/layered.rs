@@ -88,7 +88,7 @@ const MIRROR: usize = 1;
 const SPREAD: usize = 2;
 const THROUGH: usize = 3;
 const CROSS: usize = 4;
-const STRATEGIES: usize = 5;
+pub(super) const STRATEGIES: usize = 5;
 
 /// What a surface does to light of one direction, on the side that it is on: shares of energy.
 #[derive(Clone, Copy)]
@@ -490,6 +490,18 @@ impl<'a> Layered<'a> {
         let weight = f * (direction.z.abs() / pdf);
         let transmitted = direction.z < 0.0;
         weight.is_finite().then_some(Scattered { direction, weight, pdf, delta: false, transmitted })
+    }
+
+    /// All single directions that light is sent on in, each with the whole of its share.
+    pub fn singles(&self, o: Vec3, mode: Transport) -> [Option<Scattered>; STRATEGIES] {
+        let Some(chances) = self.chances(&self.sight(o.z, self.inside)) else { return [None; STRATEGIES] };
+        let mut below = 0.0;
+        chances.map(|chance| {
+            let middle = below + 0.5 * chance;
+            below += chance;
+            let drawn = self.sample(o, [0.5, 0.5, middle], mode).filter(|drawn| drawn.delta && chance > 0.0)?;
+            Some(Scattered { weight: drawn.weight * chance, pdf: 1.0, ..drawn })
+        })
     }
 
     /// A direction below, by rough facets.

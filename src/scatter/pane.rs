@@ -80,6 +80,11 @@ impl Pane {
         self.mirror_chance(o).map_or(0.0, |chance| (1.0 - chance) * cosine_hemisphere_pdf(i.z))
     }
 
+    /// The mirror, with the whole of its share.
+    pub fn single(&self, o: Vec3) -> Scattered {
+        Scattered::single(Vec3::new(-o.x, -o.y, o.z), self.mirror(o.z), 1.0)
+    }
+
     pub fn sample(&self, o: Vec3, u: [f32; 3], _: Transport) -> Option<Scattered> {
         let chance = self.mirror_chance(o)?;
         if u[2] < chance {

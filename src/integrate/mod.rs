@@ -1,0 +1,85 @@
+//! Methods other than radiosity: each measures the same light by a camera's pixels or an atlas' texels, with full materials.
+//!
+//! All of them walk through one [`World`]. A method makes passes: each estimates every pixel once, independently of the others
+//! unless it says otherwise, so that a film tells the noise.
+
+mod direct;
+pub mod emit;
+mod lamps;
+mod path;
+mod vertex;
+mod whitted;
+mod world;
+
+pub use lamps::Lamp;
+pub use vertex::{Kind, OnSurface, Onward, Vertex};
+pub use world::World;
+
+use crate::Result;
+use crate::color::Rgb;
+use crate::progress::Progress;
+use crate::sample::{Drawn, sequence::Stage};
+use crate::sensor::{Film, Sensor, Start};
+use rayon::prelude::*;
+
+/// A way to estimate what a sensor measures.
+pub trait Integrator {
+    /// Adds one more estimate of every pixel to `film`.
+    ///
+    /// # Errors
+    /// `Cancelled`; then `film` is as it was.
+    fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()>;
+}
+
+/// What one walk from each pixel tells, by itself.
+pub struct Pixelwise<'a> {
+    pub world: &'a World<'a>,
+    pub sensor: &'a dyn Sensor,
+    pub method: Walk,
+    /// Reflections counted, 0: direct light only. None: all.
+    pub max_bounces: Option<u32>,
+    pub seed: u32,
+}
+
+/// A method whose pixels know nothing of each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Walk {
+    /// Path tracing.
+    Path,
+    /// Ray tracing: light straight from what shines, and mirrors and glass.
+    Ray,
+}
+
+/// Pixels that are estimated before the caller is asked whether to stop.
+const AT_ONCE: usize = 64;
+
+impl Integrator for Pixelwise<'_> {
+    fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()> {
+        let index = film.passes();
+        let mut values = vec![Rgb::ZERO; self.sensor.len()];
+        values.par_chunks_mut(AT_ONCE).enumerate().try_for_each(|(chunk, values)| {
+            progress.check()?;
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = self.estimate(chunk * AT_ONCE + k, index);
+            }
+            Ok(())
+        })?;
+        film.add(&values);
+        Ok(())
+    }
+}
+
+impl Pixelwise<'_> {
+    fn estimate(&self, pixel: usize, index: u64) -> Rgb {
+        let mut numbers = Drawn::new(self.seed, Stage::Walk, pixel as u64, index);
+        let Some(start) = self.sensor.start(pixel, &mut numbers) else { return Rgb::ZERO };
+        self.from(start, &mut numbers)
+    }
+
+    fn from(&self, start: Start, numbers: &mut Drawn) -> Rgb {
+        match self.method {
+            Walk::Path => path::trace(self.world, start, self.max_bounces, numbers),
+            Walk::Ray => whitted::trace(self.world, start, self.max_bounces, numbers),
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! Pictures of a scene through a camera, by any of the methods that follow rays.
+
+use crate::added_light;
+use crate::color::Rgb;
+use crate::error::{Error, Result, Warnings};
+use crate::integrate::{Integrator, Pixelwise, Walk, World};
+use crate::light::Lights;
+use crate::load::{self, Loaded};
+use crate::medium::Media;
+use crate::progress::Progress;
+use crate::scatter::{self, Scattering};
+use crate::scene::{Camera, Scene};
+use crate::sensor::{Film, Sensor, View};
+use crate::settings::{Method, Settings};
+use crate::trace::Tracer;
+use crate::write::output::Staging;
+use crate::write::picture::{Tone, write_picture};
+use glam::Vec3;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A picture as it is asked for.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    pub camera: CameraChoice,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows; none: as the camera's shape has it.
+    pub height: Option<u32>,
+    /// Stops by which the PNG is brighter than its middle at a middle grey.
+    pub exposure: f32,
+}
+
+/// Whose picture it is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraChoice {
+    /// The scene's first camera.
+    First,
+    /// The scene's camera of this name, or whose name ends with it after a slash.
+    Named(String),
+    /// A place to stand, a place to look at, and the vertical angle of view [degrees].
+    At(Vec3, Vec3, f32),
+}
+
+/// How a picture came out.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    pub size: [u32; 2],
+    /// Walks from each pixel.
+    pub samples: u64,
+    /// Root mean square of the pixels' standard errors over their mean.
+    pub noise: f64,
+    /// The picture and its tone-mapped form.
+    pub files: [PathBuf; 2],
+    pub warnings: Warnings,
+}
+
+/// Samples a pixel, where neither they nor a time is asked for.
+const SAMPLES: u32 = 64;
+
+/// The ratio of width to height where neither a camera nor a height says one.
+const ASPECT: f32 = 16.0 / 9.0;
+
+/// The least time from one preview to the next.
+const PREVIEW: Duration = Duration::from_secs(2);
+
+/// Takes a picture of the scene file `scene`, and writes it to `output` (.exr), and as a PNG of the same name beside it: as it grows, and
+/// at the end.
+///
+/// # Errors
+/// Those of the loader; `Invalid` where there is no such camera, nothing shines or a file is in the way; `Io`; `Cancelled`.
+pub fn render(
+    scene: &Path,
+    output: &Path,
+    settings: &Settings,
+    picture: &Picture,
+    progress: &dyn Progress,
+) -> Result<Rendered> {
+    let start = Instant::now();
+    settings.check()?;
+    progress.begin("load", 0);
+    let mut loaded = load::load_with(scene, &settings.load_options())?;
+    added_light::add(&mut loaded, settings)?;
+    refuse_input(&loaded, output)?;
+    let camera = choose(&loaded, &picture.camera)?;
+    let size = size(&camera, picture);
+    if loaded.scene.surfaces.is_empty() && !loaded.scene.has_light() {
+        return Err(Error::invalid(scene.display(), "the scene is empty; there is nothing to see"));
+    }
+    scatter::adapt(&mut loaded.scene, settings.surfaces);
+    let view = View::new(camera, size[0], size[1]);
+    let result = Output::new(output, size, picture.exposure)?;
+    let (film, mut warnings) = expose(&loaded.scene, &view, settings, &result, start, progress)?;
+    result.write(&film)?;
+    warnings.extend(std::mem::take(&mut loaded.warnings));
+    Ok(Rendered { size, samples: film.passes(), noise: film.noise(), files: result.files, warnings })
+}
+
+/// Makes passes until there are as many as asked for, or the time is over.
+fn expose(
+    scene: &Scene,
+    view: &View,
+    settings: &Settings,
+    output: &Output,
+    start: Instant,
+    progress: &dyn Progress,
+) -> Result<(Film, Warnings)> {
+    let tracer = Tracer::new(scene);
+    let lights = Lights::new(scene);
+    let scattering = Scattering::new(scene, settings.surfaces);
+    let media = Media::new(scene);
+    let world = World::new(scene, &tracer, &lights, &scattering, &media);
+    let mut warnings = Warnings::default();
+    let mut method = method(&world, view, settings, &mut warnings)?;
+    let budget = settings.time_budget.map(Duration::from_secs_f64);
+    let most = match (settings.samples, budget) {
+        (Some(samples), _) => Some(samples),
+        (None, None) => Some(SAMPLES),
+        (None, Some(_)) => None,
+    };
+    progress.begin("render", most.map_or(0, u64::from));
+    let mut film = Film::new(view.len());
+    let mut shown = Instant::now();
+    while most.is_none_or(|most| film.passes() < u64::from(most)) {
+        method.pass(&mut film, progress)?;
+        progress.advance(1);
+        if budget.is_some_and(|budget| start.elapsed() >= budget) {
+            break;
+        }
+        if shown.elapsed() >= PREVIEW {
+            output.write(&film)?;
+            shown = Instant::now();
+        }
+    }
+    Ok((film, warnings))
+}
+
+/// The method that `settings` ask for.
+fn method<'a>(
+    world: &'a World<'a>,
+    sensor: &'a dyn Sensor,
+    settings: &Settings,
+    _warnings: &mut Warnings,
+) -> Result<Box<dyn Integrator + 'a>> {
+    let pixelwise = |method| Pixelwise { world, sensor, method, max_bounces: settings.max_bounces, seed: settings.seed };
+    match settings.method {
+        Method::Ray => Ok(Box::new(pixelwise(Walk::Ray))),
+        Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
+        Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
+    }
+}
+
+/// The camera that is asked for.
+fn choose(loaded: &Loaded, choice: &CameraChoice) -> Result<Camera> {
+    let scene = &loaded.scene;
+    let names = || scene.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+    match choice {
+        CameraChoice::At(eye, target, angle) => Camera::look_at(*eye, *target, angle.to_radians()).ok_or_else(|| {
+            Error::invalid("--camera", "looks nowhere: give two places, and an angle of more than 0 and less than 180")
+        }),
+        CameraChoice::First => scene.cameras.first().cloned().ok_or_else(|| {
+            let [low, high] = extent(scene);
+            let message = format!(
+                "the scene has no camera; give one with --camera X,Y,Z,TARGET_X,TARGET_Y,TARGET_Z,ANGLE (the scene reaches from \
+                 {low:.2} to {high:.2} m, Y up)"
+            );
+            Error::invalid(loaded.path().display(), message)
+        }),
+        CameraChoice::Named(name) => {
+            let is_named = |c: &&Camera| c.name == *name || c.name.rsplit('/').next() == Some(name);
+            scene.cameras.iter().find(is_named).cloned().ok_or_else(|| {
+                let message = match scene.cameras.is_empty() {
+                    true => format!("there is no camera {name}, nor any other; give places and an angle"),
+                    false => format!("there is no camera {name}; there are: {}", names()),
+                };
+                Error::invalid(loaded.path().display(), message)
+            })
+        }
+    }
+}
+
+/// The corners of the box around all surfaces.
+fn extent(scene: &Scene) -> [Vec3; 2] {
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for surface in &scene.surfaces {
+        for position in &scene.meshes[surface.mesh].positions {
+            let p = surface.world_from_local.transform_point3(*position);
+            (low, high) = (low.min(p), high.max(p));
+        }
+    }
+    [low, high]
+}
+
+/// Width and height [pixels].
+fn size(camera: &Camera, picture: &Picture) -> [u32; 2] {
+    let height = picture.height.unwrap_or_else(|| {
+        let aspect = camera.aspect.unwrap_or(ASPECT);
+        ((picture.width as f32 / aspect).round() as u32).max(1)
+    });
+    [picture.width, height]
+}
+
+/// Refuses to replace an input.
+fn refuse_input(loaded: &Loaded, output: &Path) -> Result<()> {
+    for file in [output.to_path_buf(), output.with_extension("png")] {
+        let Ok(there) = file.canonicalize() else { continue };
+        let inputs = loaded.inputs.iter().map(PathBuf::as_path).chain([loaded.path()]);
+        if inputs.filter_map(|input| input.canonicalize().ok()).any(|input| input == there) {
+            return Err(Error::invalid(file.display(), "would be replaced by the picture; give another file with -o"));
+        }
+    }
+    Ok(())
+}
+
+/// Where a picture goes.
+struct Output {
+    folder: PathBuf,
+    files: [PathBuf; 2],
+    size: [u32; 2],
+    exposure: f32,
+}
+
+impl Output {
+    /// Makes sure that the folder can be written.
+    fn new(output: &Path, size: [u32; 2], exposure: f32) -> Result<Self> {
+        let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_path_buf();
+        if output.file_name().is_none() || output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
+            return Err(Error::invalid(output.display(), "is no .exr file; give one with -o"));
+        }
+        if !folder.is_dir() {
+            return Err(Error::invalid(folder.display(), "is no folder; make it first, or give another file with -o"));
+        }
+        Staging::new(&folder)?;
+        Ok(Self { folder, files: [output.to_path_buf(), output.with_extension("png")], size, exposure })
+    }
+
+    /// Puts what is on `film` in the place of what was there.
+    fn write(&self, film: &Film) -> Result<()> {
+        let rgb: Vec<Rgb> = film.mean();
+        let mut staging = Staging::new(&self.folder)?;
+        let mut place = |file: &PathBuf| staging.path(file.file_name().unwrap_or_default());
+        let (exr, png) = (place(&self.files[0])?, place(&self.files[1])?);
+        write_picture(&exr, &png, self.size, &rgb, Tone::of(&rgb, self.exposure))?;
+        staging.commit()
+    }
+}
