@@ -18,6 +18,7 @@ pub mod inspect;
 pub mod light;
 pub mod limits;
 pub mod load;
+pub mod medium;
 pub mod meshing;
 pub mod moments;
 pub mod openness;

@@ -9,6 +9,7 @@ pub mod environment;
 pub mod light;
 pub mod link;
 pub mod material;
+pub mod medium;
 pub mod mesh;
 pub mod projector;
 pub mod role;
@@ -21,6 +22,7 @@ pub use environment::Environment;
 pub use light::{Light, LightShape, Shaping};
 pub use link::{Linked, Links};
 pub use material::{Alpha, Material, TextureSlot};
+pub use medium::{DensityGrid, Medium, MediumShape};
 pub use mesh::{Mesh, TriangleOrigin, UvSet};
 pub use projector::{Picture, Projector};
 pub use role::{Role, RoleOpinion};
@@ -38,6 +40,7 @@ pub struct Scene {
     pub surfaces: Vec<Surface>,
     pub lights: Vec<Light>,
     pub environment: Option<Environment>,
+    pub media: Vec<Medium>,
 }
 
 /// One placed mesh: a glTF node with its mesh, or a USD gprim (an instance of one, too).
