@@ -6,6 +6,7 @@
 
 use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum, ValueHint};
+use lumel::render::CameraChoice;
 use lumel::settings::SkySetting;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -44,6 +45,10 @@ pub enum Command {
     /// relative to it or to the mean 1 / n: draft 5 %, medium 2 %, high 0.5 %, production 0.2 %. A result is never put in place
     /// of an input, nor, without --overwrite, of anything but the form factors of the same scene.
     FormFactors(Box<FormFactorArgs>),
+    /// Take a picture of a scene through a camera, by rays
+    ///
+    /// Writes the picture [nit] as OpenEXR and, tone-mapped, as a PNG of the same name beside it: as it grows, and at the end.
+    Render(Box<RenderArgs>),
     /// Compare two baked EXR pages, and draw where they differ
     Compare(CompareArgs),
     /// Print a completion script for a shell
@@ -166,6 +171,65 @@ pub struct FactorArgs {
     /// default: 128, 256, 512 or 1024 by --quality]
     #[arg(long, value_name = "N")]
     pub elements: Option<usize>,
+    /// Seed of the random numbers; equal seeds give equal bytes [default: 0]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u32>,
+}
+
+/// `lumel render`.
+#[derive(Debug, clap::Args)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Picture to write, and a .png beside it [default: ./<stem>.exr]
+    #[arg(short, long, value_name = "F.exr", value_hint = ValueHint::FilePath)]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub view: ViewArgs,
+    #[command(flatten)]
+    pub walk: WalkArgs,
+    #[command(flatten)]
+    pub light: LightArgs,
+    #[command(flatten)]
+    pub running: RunningArgs,
+}
+
+/// Where a picture is taken from.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "View")]
+pub struct ViewArgs {
+    /// The scene's camera of this name, or a place to stand, a place to look at [m, Y up], and the vertical angle of view [degrees]
+    /// [default: the scene's first camera]
+    #[arg(long, value_name = "NAME|X,Y,Z,X,Y,Z,ANGLE", value_parser = parse_camera, allow_hyphen_values = true)]
+    pub camera: Option<CameraChoice>,
+    /// Width, or width x height [pixels; 1..16384; default: 960, height as the camera's shape has it]
+    #[arg(long, value_name = "W[xH]", value_parser = parse_size)]
+    pub size: Option<(u32, Option<u32>)>,
+    /// How much brighter the PNG is than with its middle at a middle grey [stops]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f32,
+}
+
+/// How light is followed into a picture.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Effort")]
+#[serde(rename_all = "kebab-case")]
+pub struct WalkArgs {
+    /// path: paths from the camera; ray: light straight from what shines, over mirrors and through glass [default: path]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray"]))]
+    pub method: Option<String>,
+    /// What of materials is seen: all, or the diffuse stand-ins that radiosity bakes [default: full]
+    #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
+    pub surfaces: Option<String>,
+    /// Samples of each pixel [1..1048576; default: 64, or as many as the time budget allows]
+    #[arg(long, value_name = "N")]
+    pub samples: Option<u32>,
+    /// Stop after this time; the picture then depends on the machine [s; 0.1..1000000]
+    #[arg(long, value_name = "SECONDS")]
+    pub time_budget: Option<f64>,
+    /// Reflections counted; 0: direct light only [0..100; default: all]
+    #[arg(long, value_name = "N")]
+    pub max_bounces: Option<u32>,
     /// Seed of the random numbers; equal seeds give equal bytes [default: 0]
     #[arg(long, value_name = "N")]
     pub seed: Option<u32>,
@@ -528,6 +592,29 @@ pub struct RunningArgs {
     /// Replace another scene's bake in the output folder [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub overwrite: Option<bool>,
+}
+
+/// A camera's name, or seven numbers.
+fn parse_camera(text: &str) -> Result<CameraChoice, String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, z, to_x, to_y, to_z, angle]) if numbers.iter().flatten().all(|v| v.is_finite()) => {
+            Ok(CameraChoice::At([x, y, z].into(), [to_x, to_y, to_z].into(), angle))
+        }
+        Ok(_) => Err("expected a name, or seven numbers: two places and an angle, as in 0,1.7,4,0,1,0,50".to_string()),
+        Err(_) => Ok(CameraChoice::Named(text.to_string())),
+    }
+}
+
+/// `width` or `widthxheight`.
+fn parse_size(text: &str) -> Result<(u32, Option<u32>), String> {
+    let side = |v: &str| v.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
+    let parts: Vec<Option<u32>> = text.split('x').map(side).collect();
+    match parts[..] {
+        [Some(width)] => Ok((width, None)),
+        [Some(width), Some(height)] => Ok((width, Some(height))),
+        _ => Err("expected pixels from 1 to 16384, as in 960 or 960x540".to_string()),
+    }
 }
 
 /// See [`SkySetting`].

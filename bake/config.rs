@@ -3,7 +3,7 @@
 //! Layers are merged as TOML tables and read by serde once, so that an absent flag never overrides a key, and the file and
 //! the command line share one list of names and values.
 
-use super::args::{BakeArgs, FormFactorArgs, InspectArgs, SceneArgs, UnwrapArgs};
+use super::args::{BakeArgs, FormFactorArgs, InspectArgs, RenderArgs, SceneArgs, UnwrapArgs};
 use super::failure::Failure;
 use lumel::settings::Settings;
 use lumel::write::engines::Engine;
@@ -125,6 +125,24 @@ impl Typed for FormFactorArgs {
             table(&self.factors)?,
             table(&self.texels)?,
             table(&self.uvs)?,
+            table(&self.running)?,
+        ];
+        Ok(groups.into_iter().flatten().collect())
+    }
+}
+
+impl Typed for RenderArgs {
+    fn scene(&self) -> &SceneArgs {
+        &self.scene
+    }
+    fn table(&self) -> Result<Table> {
+        // Pictures are taken by paths unless something else is asked for here: a file's method is the bake's.
+        let method = [("method".to_string(), Value::from("path"))].into_iter().collect();
+        let groups = [
+            method,
+            table(&self.scene)?,
+            table(&self.walk)?,
+            table(&self.light)?,
             table(&self.running)?,
         ];
         Ok(groups.into_iter().flatten().collect())

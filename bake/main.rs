@@ -15,6 +15,7 @@ mod inspect;
 mod interrupt;
 mod log;
 mod print;
+mod render;
 
 use args::{Args, Command};
 use clap::Parser;
@@ -31,6 +32,7 @@ fn main() -> ExitCode {
             Command::Unwrap(a) => bake::unwrap(a, &console),
             Command::Inspect(a) => inspect::inspect(a, &console),
             Command::FormFactors(a) => form_factors::form_factors(a, &console),
+            Command::Render(a) => render::render(a, &console),
             Command::Compare(a) => compare::compare(a),
             Command::Completions(a) => print::completions(a.shell),
         }

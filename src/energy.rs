@@ -38,6 +38,14 @@ pub struct EnergyBalance {
     pub imbalance: f64,
 }
 
+impl EnergyBalance {
+    /// True where nothing was balanced.
+    pub fn is_empty(&self) -> bool {
+        let sum = |power: &[f64; 3]| power.iter().sum::<f64>();
+        sum(&self.emitted) + sum(&self.inflow) + sum(&self.absorbed) == 0.0
+    }
+}
+
 /// What is balanced.
 pub struct Bake<'a> {
     pub lit: Lit<'a>,

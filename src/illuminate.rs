@@ -8,8 +8,11 @@ use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
 use crate::error::Error;
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
+use crate::integrate::World;
 use crate::light::parts::{Apart, Part, direct_apart, parts};
 use crate::light::{Direct, Lights, Lit, Shining, incident};
+use crate::measure::measure;
+use crate::medium::Media;
 use crate::moments::Moments;
 use crate::patch::unocclude::{Exposure, unocclude};
 use crate::patch::{
@@ -24,8 +27,10 @@ use crate::post::{Directional, LayerKind, Lightmap};
 use crate::probe::{LightProbes, Surroundings, probes};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
-use crate::scene::{BakeMode, Scene};
-use crate::settings::{Gather, Method, Settings};
+use crate::scene::{BakeMode, Scene, Surface};
+use crate::scatter::{Scattering, Surfaces};
+use crate::sensor::Texels;
+use crate::settings::{Gather, Method, Normals, Settings};
 use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
 use crate::trace::{Tracer, Triangles};
 use crate::transport::{Elements, Probes};
@@ -51,6 +56,7 @@ pub struct Illuminated {
     /// How far light jumps across seams.
     pub seams: SeamReport,
     pub lightmap: Lightmap,
+    /// Empty where materials send on light in ways that texels don't hold.
     pub energy: EnergyBalance,
     /// Rays that layers took besides.
     pub layer_rays: u64,
@@ -137,7 +143,10 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
     let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
-    let energy = balance(&bake, &lightmap, !settings.float);
+    let energy = match needs_walks(scene, settings) {
+        true => EnergyBalance::default(),
+        false => balance(&bake, &lightmap, !settings.float),
+    };
     Ok(Illuminated {
         patches,
         reflectance,
@@ -193,7 +202,10 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) ->
     let elements = || Elements::new(lit.ground, lit.exposure, lit.reflectance, settings.element_count(), settings.seed);
     let parts = parts(lit.ground.scene, settings.layers.contains(&LayerKind::LightGroups));
     let mut found = match (settings.method, settings.gather()) {
-        (Method::Path, _) => paths(lit, &parts, elements(), settings, dump, progress)?,
+        (Method::Path, _) if !needs_walks(lit.ground.scene, settings) => {
+            paths(lit, &parts, elements(), settings, dump, progress)?
+        }
+        (Method::Path | Method::Ray, _) => by_walks(lit, &parts, settings, dump, progress)?,
         (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
         (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
     };
@@ -295,6 +307,57 @@ fn by_elements(
     drop(probes);
     let backs = Backs::of_elements(&elements, &solution);
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out })
+}
+
+/// True where a bake needs methods that follow rays with full materials; scenes that are all diffuse, without media, are traced by
+/// [`trace`], whose paths tell direct light apart and add up to a balance of energy.
+pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
+    let is_full = settings.surfaces == Surfaces::Full;
+    let uses = |s: &Surface| scene.meshes[s.mesh].triangle_material.iter().any(|&m| scene.materials[m as usize].appearance.is_some());
+    match settings.method {
+        Method::Radiosity => false,
+        Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),
+        Method::Ray => true,
+    }
+}
+
+/// The light by one of the methods that follow rays. It isn't told apart: all of it counts as light between surfaces.
+fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+    let Lit { ground, exposure, lights, .. } = *lit;
+    let name = settings.method.name();
+    if !parts.is_empty() {
+        let message = "tells no light of some lights from that of others; choose radiosity, or bake all of each light";
+        return Err(Error::invalid(format!("method {name}"), message));
+    }
+    let scattering = Scattering::new(ground.scene, settings.surfaces);
+    let media = Media::new(ground.scene);
+    let world = World::new(ground.scene, ground.tracer, lights, &scattering, &media);
+    let texels = Texels { ground, exposure, shading_normals: settings.normals == Normals::Shading };
+    let film = measure(&world, &texels, settings, progress, |_| Ok(()))?;
+    let irradiance = film.mean();
+    let standard_error: Vec<Rgb> = film.standard_error().into_iter().map(Rgb::splat).collect();
+    dump.patches("error", ground, |i| standard_error[i])?;
+    let nothing = || vec![Rgb::ZERO; irradiance.len()];
+    let transport = Arc::new(nothing());
+    let shown = Sparse::same(Arc::clone(&transport));
+    let direct = Direct { transport, shown, inflow: glam::DVec3::ZERO, rays: 0 };
+    let gathered = Gathered {
+        sky: nothing(),
+        difference: film.difference(),
+        standard_error,
+        indirect: irradiance.clone(),
+        parts: Vec::new(),
+        groups: Vec::new(),
+        moments: Vec::new(),
+        landed_share: vec![0.0; irradiance.len()],
+        noise: film.noise(),
+        sky_inflow: glam::DVec3::ZERO,
+        rays: 0,
+        irradiance,
+    };
+    let (elements, solution) = (Elements::default(), Solution::default());
+    let backs = Backs::default();
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out: None })
 }
 
 /// The light by paths. What comes straight from the sky counts as direct light here; of the elements, only the backs get light.

@@ -5,7 +5,7 @@ use crate::added_light;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::{Illuminated, illuminate};
+use crate::illuminate::{Illuminated, illuminate, needs_walks};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
@@ -15,6 +15,7 @@ use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::LayerKind;
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
+use crate::scatter;
 use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::transport::Method as FormFactors;
@@ -37,7 +38,7 @@ const LEAST_SAMPLES: u32 = 64;
 /// Those of the stages; nothing is written unless the whole bake succeeds.
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
-    let (mut report, loaded) = open(scene, folder, settings, &clock)?;
+    let (mut report, mut loaded) = open(scene, folder, settings, &clock)?;
     refuse_darkness(&loaded, settings)?;
     // Too many probes are found out now, too.
     settings.probe_params(&loaded.scene)?;
@@ -45,6 +46,9 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         watch::clear(folder)?;
     }
     let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
+    if needs_walks(&loaded.scene, settings) {
+        scatter::adapt(&mut loaded.scene, settings.surfaces);
+    }
     let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
@@ -97,7 +101,7 @@ fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
 
 /// How the light between surfaces was solved; `None` where paths were traced.
 fn solver_report(lit: &Illuminated, settings: &Settings) -> Option<SolverReport> {
-    if settings.method == Method::Path {
+    if settings.method != Method::Radiosity {
         return None;
     }
     if let Some(exchanged) = &lit.exchanged {
@@ -126,7 +130,7 @@ fn solver_report(lit: &Illuminated, settings: &Settings) -> Option<SolverReport>
 
 /// Says what light between elements takes for other than it is: rays alone know sheets and their colours.
 fn warn_of_panes(scene: &Scene, report: &mut Report, settings: &Settings) {
-    if settings.method == Method::Path || settings.gather() == Gather::Blocks {
+    if settings.method != Method::Radiosity || settings.gather() == Gather::Blocks {
         return;
     }
     let is_solid = matches!(settings.form_factors, FormFactors::Analytic | FormFactors::Hemicube);

@@ -3,15 +3,16 @@
 use crate::added_light;
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
-use crate::integrate::{Integrator, Pixelwise, Walk, World};
+use crate::integrate::World;
 use crate::light::Lights;
 use crate::load::{self, Loaded};
+use crate::measure::measure;
 use crate::medium::Media;
 use crate::progress::Progress;
 use crate::scatter::{self, Scattering};
 use crate::scene::{Camera, Scene};
-use crate::sensor::{Film, Sensor, View};
-use crate::settings::{Method, Settings};
+use crate::sensor::{Film, View};
+use crate::settings::Settings;
 use crate::trace::Tracer;
 use crate::write::output::Staging;
 use crate::write::picture::{Tone, write_picture};
@@ -55,9 +56,6 @@ pub struct Rendered {
     pub warnings: Warnings,
 }
 
-/// Samples a pixel, where neither they nor a time is asked for.
-const SAMPLES: u32 = 64;
-
 /// The ratio of width to height where neither a camera nor a height says one.
 const ASPECT: f32 = 16.0 / 9.0;
 
@@ -76,7 +74,6 @@ pub fn render(
     picture: &Picture,
     progress: &dyn Progress,
 ) -> Result<Rendered> {
-    let start = Instant::now();
     settings.check()?;
     progress.begin("load", 0);
     let mut loaded = load::load_with(scene, &settings.load_options())?;
@@ -90,64 +87,32 @@ pub fn render(
     scatter::adapt(&mut loaded.scene, settings.surfaces);
     let view = View::new(camera, size[0], size[1]);
     let result = Output::new(output, size, picture.exposure)?;
-    let (film, mut warnings) = expose(&loaded.scene, &view, settings, &result, start, progress)?;
+    let film = expose(&loaded.scene, &view, settings, &result, progress)?;
     result.write(&film)?;
-    warnings.extend(std::mem::take(&mut loaded.warnings));
-    Ok(Rendered { size, samples: film.passes(), noise: film.noise(), files: result.files, warnings })
+    Ok(Rendered { size, samples: film.passes(), noise: film.noise(), files: result.files, warnings: loaded.warnings })
 }
 
-/// Makes passes until there are as many as asked for, or the time is over.
+/// What the view measures, shown as it grows.
 fn expose(
     scene: &Scene,
     view: &View,
     settings: &Settings,
     output: &Output,
-    start: Instant,
     progress: &dyn Progress,
-) -> Result<(Film, Warnings)> {
+) -> Result<Film> {
     let tracer = Tracer::new(scene);
     let lights = Lights::new(scene);
     let scattering = Scattering::new(scene, settings.surfaces);
     let media = Media::new(scene);
     let world = World::new(scene, &tracer, &lights, &scattering, &media);
-    let mut warnings = Warnings::default();
-    let mut method = method(&world, view, settings, &mut warnings)?;
-    let budget = settings.time_budget.map(Duration::from_secs_f64);
-    let most = match (settings.samples, budget) {
-        (Some(samples), _) => Some(samples),
-        (None, None) => Some(SAMPLES),
-        (None, Some(_)) => None,
-    };
-    progress.begin("render", most.map_or(0, u64::from));
-    let mut film = Film::new(view.len());
     let mut shown = Instant::now();
-    while most.is_none_or(|most| film.passes() < u64::from(most)) {
-        method.pass(&mut film, progress)?;
-        progress.advance(1);
-        if budget.is_some_and(|budget| start.elapsed() >= budget) {
-            break;
+    measure(&world, view, settings, progress, |film| {
+        if shown.elapsed() < PREVIEW {
+            return Ok(());
         }
-        if shown.elapsed() >= PREVIEW {
-            output.write(&film)?;
-            shown = Instant::now();
-        }
-    }
-    Ok((film, warnings))
-}
-
-/// The method that `settings` ask for.
-fn method<'a>(
-    world: &'a World<'a>,
-    sensor: &'a dyn Sensor,
-    settings: &Settings,
-    _warnings: &mut Warnings,
-) -> Result<Box<dyn Integrator + 'a>> {
-    let pixelwise = |method| Pixelwise { world, sensor, method, max_bounces: settings.max_bounces, seed: settings.seed };
-    match settings.method {
-        Method::Ray => Ok(Box::new(pixelwise(Walk::Ray))),
-        Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
-        Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
-    }
+        shown = Instant::now();
+        output.write(film)
+    })
 }
 
 /// The camera that is asked for.

@@ -69,6 +69,7 @@ pub struct Report {
     /// How far light jumps across seams.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seams: Option<SeamReport>,
+    #[serde(skip_serializing_if = "EnergyBalance::is_empty")]
     pub energy: EnergyBalance,
     /// How well the light at vertices holds that of texels; absent without light.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -218,7 +219,7 @@ impl Report {
         }
         if is_lit {
             let how = match &self.solver {
-                None => "traced by paths".to_string(),
+                None => format!("traced by the method {}", self.settings.method.name()),
                 Some(SolverReport { name, elements, iterations, .. }) if self.settings.iterations.is_some() => {
                     format!("{name} over {elements} elements, {iterations} iterations as asked")
                 }
@@ -233,7 +234,10 @@ impl Report {
                 (None, Gather::None) => "noise not measured".to_string(),
                 _ => format!("noise {noise:.2} %"),
             };
-            lines.push(format!("{noise}, energy balance {balance:+.3} %"));
+            lines.push(match self.energy.is_empty() {
+                true => noise,
+                false => format!("{noise}, energy balance {balance:+.3} %"),
+            });
             if let Some(v) = self.vertices.as_ref().filter(|v| v.mode != MeshMode::Given) {
                 let (from, to, asked) = (v.given_triangles, v.triangles, v.error);
                 let within = format!("{:.1} % of the area within {asked} %, 95 % within {:.2} %", v.within, v.p95);

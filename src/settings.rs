@@ -21,6 +21,7 @@ use crate::post::layers::LayerParams;
 use crate::post::{Directional, LayerKind, Quantity, gutter::Gutter, seam::SeamMode};
 use crate::probe::ProbeParams;
 use crate::reference::{PathParams, Strategy};
+use crate::scatter::Surfaces;
 use crate::scene::{BakeMode, Scene};
 use crate::solve::{SolveParams, Solver};
 use crate::transport::hemicube::HemicubeParams;
@@ -92,6 +93,8 @@ pub struct Settings {
     /// Forms that pages are written in; none: OpenEXR.
     pub encoding: Option<Vec<Encoding>>,
     pub method: Method,
+    /// What of materials is seen by methods that follow rays.
+    pub surfaces: Surfaces,
     /// Which filter takes noise out.
     pub denoise: Denoise,
     /// The library of Open Image Denoise; none: looked for by its usual names.
@@ -209,6 +212,19 @@ pub enum Method {
     Radiosity,
     /// Paths from each texel: the reference, slower, with its standard error.
     Path,
+    /// Light straight from what shines, over mirrors and through glass.
+    Ray,
+}
+
+impl Method {
+    /// The name by which it is asked for.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Radiosity => "radiosity",
+            Self::Path => "path",
+            Self::Ray => "ray",
+        }
+    }
 }
 
 /// The normal that irradiance is about.

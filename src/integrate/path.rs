@@ -55,7 +55,7 @@ pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl 
     let first = u32::from(matches!(start, Start::Point(_)));
     let mut vertices = first;
     while let Some(mut at) = walk.take() {
-        let travelled = world.travel(&at.ray, at.absorption, numbers);
+        let travelled = world.travel(&at.ray, at.weight, at.absorption, numbers);
         sum += at.weight * travelled.emitted;
         sum += lamps(world, &at, travelled.t, numbers);
         at.weight *= travelled.weight;

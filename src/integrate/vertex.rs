@@ -81,7 +81,7 @@ impl<'a> Vertex<'a> {
     /// The share of light from the unit vector `towards` that goes back along the path, times the cosine [1/sr].
     pub fn respond(&self, towards: Vec3, mode: Transport) -> Rgb {
         match &self.kind {
-            Kind::Medium(phase) => Rgb::splat(phase.evaluate(-self.back.dot(towards))),
+            Kind::Medium(phase) => Rgb::splat(phase.between(self.back, towards)),
             Kind::Surface(on) => on.respond(self.back, towards, mode),
         }
     }
@@ -94,7 +94,7 @@ impl<'a> Vertex<'a> {
     /// The same where the path had come from the unit vector `from`.
     pub fn pdf_between(&self, from: Vec3, towards: Vec3, mode: Transport) -> f32 {
         match &self.kind {
-            Kind::Medium(phase) => phase.evaluate(-from.dot(towards)),
+            Kind::Medium(phase) => phase.between(from, towards),
             Kind::Surface(on) => on.pdf(from, towards, mode),
         }
     }
@@ -109,7 +109,7 @@ impl<'a> Vertex<'a> {
         let u = numbers.triple();
         match &self.kind {
             Kind::Medium(phase) => {
-                let (direction, pdf) = phase.sample(-self.back, [u[0], u[1]]);
+                let (direction, pdf) = phase.sample(self.back, [u[0], u[1]]);
                 Some(Onward { direction, weight: Rgb::ONE, pdf, transmitted: false })
             }
             Kind::Surface(on) => on.go_on(self.back, mode, u),

@@ -1,7 +1,7 @@
 //! A scene as paths go through it: rays, what they meet and what is in their way.
 
 use super::lamps::{Lamp, Lamps};
-use super::vertex::Vertex;
+use super::vertex::{Kind, Vertex};
 use crate::color::Rgb;
 use crate::light::Lights;
 use crate::light::delta::DeltaLight;
@@ -59,21 +59,27 @@ impl<'a> World<'a> {
         Self { scene, tracer, lights, scattering, media, lamps: Lamps::new(lights), polygon_of }
     }
 
-    /// Follows `ray` to its next vertex, through what absorbs `absorption` [1/m].
-    pub fn travel(&self, ray: &Ray, absorption: Rgb, numbers: &mut impl Numbers) -> Travelled<'a> {
+    /// Follows `ray`, whose path has the weight `throughput`, to its next vertex, through what absorbs `absorption` [1/m].
+    pub fn travel(
+        &self,
+        ray: &Ray,
+        throughput: Rgb,
+        absorption: Rgb,
+        numbers: &mut impl Numbers,
+    ) -> Travelled<'a> {
         let (hit, tint) = self.closest(ray);
         let t = hit.map_or(f32::INFINITY, |hit| hit.t);
         let mut emitted = Rgb::ZERO;
         let mut passed = tint;
         if !self.media.is_empty() {
-            match self.media.fly(ray, t, numbers) {
+            match self.media.fly(ray, t, throughput, numbers) {
                 Flight::Passed { weight, emitted: on_the_way } => {
                     passed *= weight;
                     emitted = on_the_way;
                 }
                 Flight::Scattered { t, weight, phase, emitted } => {
                     let position = ray.origin + ray.direction * t;
-                    let vertex = Vertex { position, back: -ray.direction, kind: super::vertex::Kind::Medium(phase) };
+                    let vertex = Vertex { position, back: -ray.direction, kind: Kind::Medium(phase) };
                     return Travelled { vertex: Some(vertex), t, weight: tint * weight, emitted };
                 }
             }

@@ -35,11 +35,13 @@ use energy::{Interface, Table};
 use fresnel::Rise;
 use glam::{Vec2, Vec3};
 use lafortune::Measured;
+use serde::{Deserialize, Serialize};
 use layered::{COAT_IOR, Clear, Energy, Layered, both_faces};
 use pane::Pane;
 
 /// What of materials is seen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Surfaces {
     /// Everything.
     #[default]

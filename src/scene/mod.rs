@@ -12,6 +12,7 @@ pub mod light;
 pub mod link;
 pub mod look;
 pub mod material;
+pub mod medium;
 pub mod mesh;
 pub mod projector;
 pub mod role;
@@ -26,6 +27,7 @@ pub use environment::Environment;
 pub use light::{Light, LightShape, Shaping};
 pub use link::{Linked, Links};
 pub use material::{Alpha, Material, TextureSlot};
+pub use medium::{DensityGrid, Medium, MediumShape};
 pub use mesh::{Mesh, TriangleOrigin, UvSet};
 pub use projector::{Picture, Projector};
 pub use role::{Role, RoleOpinion};
@@ -44,6 +46,7 @@ pub struct Scene {
     pub lights: Vec<Light>,
     pub environment: Option<Environment>,
     pub cameras: Vec<Camera>,
+    pub media: Vec<Medium>,
 }
 
 /// One placed mesh: a glTF node with its mesh, or a USD gprim (an instance of one, too).

@@ -7,6 +7,7 @@ pub mod engines;
 pub mod exr;
 pub mod gltf;
 pub mod npz;
+pub mod picture;
 pub mod output;
 mod pieces;
 pub mod probes;

@@ -91,7 +91,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let (materials, mut textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
     document.inputs.extend(pictures);
     let environment = environment::read(&mut document, &mut textures, &mut warnings)?;
-    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment, cameras };
+    let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment, cameras, media: Vec::new() };
     let slides = projector::read(&document, &mut scene, &mut warnings)?;
     document.inputs.extend(slides);
     access.finish()?;

@@ -1,0 +1,50 @@
+//! `lumel render`: a picture of a scene through a camera.
+
+use super::args::RenderArgs;
+use super::bake::workers;
+use super::config::{self, Resolved};
+use super::console::Console;
+use super::failure::Failure;
+use super::{destination, interrupt};
+use lumel::Error;
+use lumel::render::{CameraChoice, Picture, render as take};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// `lumel render`.
+///
+/// # Errors
+/// `Usage` where the settings are wrong, else the library's.
+pub fn render(args: &RenderArgs, console: &Console) -> Result<(), Failure> {
+    let start = Instant::now();
+    let scene = args.scene.scene.as_path();
+    let Resolved { settings, file } = config::resolve(args)?;
+    let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.exr", destination::stem(scene))));
+    let is_config = |f: &PathBuf| matches!((f.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if let Some(config) = file.filter(is_config) {
+        let message = "would be replaced by the picture; give another file with -o";
+        return Err(Error::invalid(config.display(), message).into());
+    }
+    let picture = Picture {
+        camera: args.view.camera.clone().unwrap_or(CameraChoice::First),
+        width: args.view.size.map_or(WIDTH, |(width, _)| width),
+        height: args.view.size.and_then(|(_, height)| height),
+        exposure: args.view.exposure,
+    };
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    interrupt::install(console, console.cancel_flag(), Some(folder.to_path_buf()));
+    let rendered = workers(&settings)?.install(|| take(scene, &output, &settings, &picture, console))?;
+    console.finish();
+    console.warnings(&rendered.warnings);
+    let [width, height] = rendered.size;
+    let summary = [
+        format!("{width} x {height} pixels, {} samples each", rendered.samples),
+        format!("noise {:.2} % of the mean", 100.0 * rendered.noise),
+        format!("{} shows it", rendered.files[1].display()),
+    ];
+    console.done(&output, &summary, start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// Pixels in a row, unless said otherwise.
+const WIDTH: u32 = 960;

@@ -1,0 +1,59 @@
+//! What a sensor measures by one of the methods that follow rays, to as many samples, or in as much time, as settings say.
+
+use crate::error::{Error, Result};
+use crate::integrate::{Integrator, Pixelwise, Walk, World};
+use crate::progress::Progress;
+use crate::sensor::{Film, Sensor};
+use crate::settings::{Method, Settings};
+use std::time::Duration;
+
+/// Samples a pixel, where neither they nor a time is asked for.
+const SAMPLES: u32 = 64;
+
+/// Makes passes until there are as many as asked for, or the time is over; calls `show` after each.
+///
+/// # Errors
+/// `Invalid` where the method can't do what the scene holds; those of `show`; `Cancelled`.
+pub fn measure(
+    world: &World,
+    sensor: &dyn Sensor,
+    settings: &Settings,
+    progress: &dyn Progress,
+    mut show: impl FnMut(&Film) -> Result<()>,
+) -> Result<Film> {
+    let mut method = method(world, sensor, settings)?;
+    let budget = settings.time_budget.map(Duration::from_secs_f64);
+    let most = settings.samples.or(budget.is_none().then_some(SAMPLES)).map(u64::from);
+    progress.begin(settings.method.name(), most.unwrap_or(0));
+    let mut film = Film::new(sensor.len());
+    while most.is_none_or(|most| film.passes() < most) {
+        method.pass(&mut film, progress)?;
+        progress.advance(1);
+        if budget.is_some_and(|budget| progress.elapsed() >= budget) {
+            break;
+        }
+        show(&film)?;
+    }
+    Ok(film)
+}
+
+/// The method that `settings` ask for.
+fn method<'a>(
+    world: &'a World<'a>,
+    sensor: &'a dyn Sensor,
+    settings: &Settings,
+) -> Result<Box<dyn Integrator + 'a>> {
+    let (max_bounces, seed) = (settings.max_bounces, settings.seed);
+    let pixelwise = |method| Pixelwise { world, sensor, method, max_bounces, seed };
+    match settings.method {
+        Method::Ray => {
+            if let Some(medium) = world.media.names().next() {
+                let message = "ray tracing knows no media, which scatter light; choose the method path or photon";
+                return Err(Error::unsupported(medium, message));
+            }
+            Ok(Box::new(pixelwise(Walk::Ray)))
+        }
+        Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
+        Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
+    }
+}
