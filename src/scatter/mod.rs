@@ -194,13 +194,8 @@ fn clear_ior(appearance: &Appearance) -> f32 {
 
 impl Tables {
     fn new() -> Self {
-        Self {
-            whole: energy::whole(),
-            schlick: energy::rising(Rise::Schlick),
-            coat: energy::rising(Rise::Index(COAT_IOR)),
-            rises: Vec::new(),
-            interfaces: Vec::new(),
-        }
+        let [whole, schlick, coat] = energy::mirrors(Rise::Index(COAT_IOR));
+        Self { whole, schlick, coat, rises: Vec::new(), interfaces: Vec::new() }
     }
 
     /// The index of the table of a curve.
