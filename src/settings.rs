@@ -276,6 +276,7 @@ impl Settings {
             confine: self.confine.clone(),
             max_texture: self.max_texture,
             max_memory: self.max_memory,
+            appearance: false,
             strict: self.strict,
         }
     }
