@@ -292,6 +292,7 @@ impl Settings {
             confine: self.confine.clone(),
             max_texture: self.max_texture,
             max_memory: self.max_memory,
+            appearance: self.method != Method::Radiosity && self.surfaces == Surfaces::Full,
             strict: self.strict,
         }
     }

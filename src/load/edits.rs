@@ -209,6 +209,12 @@ fn change(material: &mut Material, edit: &MaterialEdit) {
         material.albedo_texture = None;
     }
     material.albedo *= edit.albedo_scale.unwrap_or(1.0);
+    if let Some(look) = &mut material.appearance {
+        if let Some(albedo) = edit.albedo {
+            (look.base_color, look.base_color_texture) = (albedo.into(), None);
+        }
+        look.base_color *= edit.albedo_scale.unwrap_or(1.0);
+    }
     material.emission *= edit.emission_scale.unwrap_or(1.0);
     material.double_sided = edit.double_sided.unwrap_or(material.double_sided);
     let own = Contribution { mode: edit.bake, group: edit.group.as_deref().map(Into::into), shadow_mask: None };

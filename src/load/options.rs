@@ -28,6 +28,8 @@ pub struct LoadOptions {
     pub max_texture: Option<u64>,
     /// Memory of all decoded pictures, at most [bytes]; none: no limit.
     pub max_memory: Option<u64>,
+    /// What materials look like beyond the diffuse is read too, with its textures: [`crate::scene::Material::appearance`].
+    pub appearance: bool,
     /// Input that is missing or can't be read is an error in place of a warning.
     pub strict: bool,
 }

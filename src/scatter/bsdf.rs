@@ -1,7 +1,7 @@
 //! The scattering of light at a point of a surface (BSDF), in a frame whose +Z is the shading normal on the material's front.
 
 use super::lafortune::Measured;
-use super::layered::{Clear, Layered, STRATEGIES};
+use super::layered::{Clear, Layered, SINGLES};
 use super::pane::Pane;
 use super::{Scattered, Transport};
 use crate::color::Rgb;
@@ -133,12 +133,12 @@ impl<'a> Bsdf<'a> {
     }
 
     /// All single directions that light from `wo` is sent on in, each with the whole of its share.
-    pub fn singles(&self, wo: Vec3, mode: Transport) -> [Option<Scattered>; STRATEGIES] {
-        let Some((lobes, o, _)) = self.turned(wo, wo) else { return [None; STRATEGIES] };
+    pub fn singles(&self, wo: Vec3, mode: Transport) -> [Option<Scattered>; SINGLES] {
+        let Some((lobes, o, _)) = self.turned(wo, wo) else { return [None; SINGLES] };
         let singles = match &lobes {
             Lobes::Layered(layered) => layered.singles(o, mode),
-            Lobes::Pane(pane) => [Some(pane.single(o)), None, None, None, None],
-            Lobes::Diffuse(_) | Lobes::Measured(_) => [None; STRATEGIES],
+            Lobes::Pane(pane) => [Some(pane.single(o)), None, None, None],
+            Lobes::Diffuse(_) | Lobes::Measured(_) => [None; SINGLES],
         };
         singles.map(|single| single.map(|drawn| self.back_in_place(wo, drawn)))
     }

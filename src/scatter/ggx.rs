@@ -4,6 +4,7 @@
 //!
 //! Directions are unit, away from the surface, in a frame whose +Z is the normal; the direction `o` is above.
 
+use crate::sample::warp::{cosine_hemisphere, cosine_hemisphere_pdf};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
@@ -70,15 +71,35 @@ impl Ggx {
     /// The refraction by facets that let everything through, as a BSDF that keeps power (Walter 2007, equation 21), and the cosine to the facet
     /// on o's side. `i` below, `eta`: index below over index above. `None` where no facet takes one to the other.
     pub fn refract(self, o: Vec3, i: Vec3, eta: f32) -> Option<(f32, f32)> {
-        let (h, [ho, hi], jacobian) = half(o, i, eta)?;
+        let (h, [ho, _], jacobian) = half(o, i, eta)?;
         let f = self.density(h) * self.shadowing(o, i) * ho * jacobian / (o.z * -i.z).max(f32::MIN_POSITIVE);
-        debug_assert!(hi < 0.0);
         Some((f, ho))
     }
 
-    /// Density [1/sr] of directions refracted by facets from [`sample`](Self::sample).
-    pub fn refract_pdf(self, o: Vec3, i: Vec3, eta: f32) -> f32 {
-        half(o, i, eta).map_or(0.0, |(h, _, jacobian)| self.visible(o, h) * jacobian)
+    /// Density [1/sr] of directions refracted by facets from [`sample`](Self::sample), and the cosine to the facet on o's side.
+    pub fn refract_pdf(self, o: Vec3, i: Vec3, eta: f32) -> Option<(f32, f32)> {
+        let (h, [ho, _], jacobian) = half(o, i, eta)?;
+        Some((self.visible(o, h) * jacobian, ho))
+    }
+
+    /// A direction above for light that has bounced between facets: what single scattering loses falls as (alpha / cos)^2 from cosines of
+    /// alpha on, so cosines are drawn in proportion to 1 / (cos + alpha), and by Lambert's law as far as facets are rough.
+    pub fn bounced(self, u: [f32; 2]) -> Vec3 {
+        let a = self.alpha;
+        if u[0] < a {
+            return cosine_hemisphere([u[0] / a, u[1]]);
+        }
+        let cos = a * ((1.0 + a) / a).powf((u[0] - a) / (1.0 - a)) - a;
+        let (cos, phi) = (cos.clamp(0.0, 1.0), TAU * u[1]);
+        let sin = (1.0 - cos * cos).sqrt();
+        Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+    }
+
+    /// Density [1/sr] of [`bounced`](Self::bounced).
+    pub fn bounced_pdf(self, cos: f32) -> f32 {
+        let a = self.alpha;
+        let grazing = 1.0 / (TAU * (cos + a) * ((1.0 + a) / a).ln());
+        a * cosine_hemisphere_pdf(cos) + (1.0 - a) * grazing
     }
 }
 

@@ -85,10 +85,14 @@ pub struct Layered<'a> {
 /// Strategies of sampling.
 const COAT: usize = 0;
 const MIRROR: usize = 1;
-const SPREAD: usize = 2;
-const THROUGH: usize = 3;
-const CROSS: usize = 4;
-pub(super) const STRATEGIES: usize = 5;
+const CLEAR: usize = 2;
+const DIFFUSE: usize = 3;
+const AGAIN: usize = 4;
+const CROSS: usize = 5;
+const STRATEGIES: usize = 6;
+
+/// Single directions at most.
+pub(super) const SINGLES: usize = 4;
 
 /// What a surface does to light of one direction, on the side that it is on: shares of energy.
 #[derive(Clone, Copy)]
@@ -213,15 +217,25 @@ impl<'a> Layered<'a> {
         }
     }
 
-    /// What a facet reflects at `cos` to it, all parts together.
+    /// What a facet of the metal and the opaque dielectric reflects at `cos` to it.
     fn facet(&self, cos: f32) -> Rgb {
-        let clear = Rgb::splat(if self.clear > 0.0 { self.clear * self.clear_fresnel(cos, self.inside) } else { 0.0 });
-        if self.inside {
-            return clear;
+        if self.inside || self.metal + self.opaque == 0.0 {
+            return Rgb::ZERO;
         }
         let metal = self.metal * (self.base + (Rgb::ONE - self.base) * fresnel::schlick(cos));
         let opaque = self.opaque * self.specular * (self.f0 + (Rgb::ONE - self.f0) * self.rise.at(cos));
-        metal + opaque + clear
+        metal + opaque
+    }
+
+    /// What a facet of the clear part reflects, as a share of the whole surface.
+    fn clear_facet(&self, cos: f32) -> f32 {
+        if self.clear == 0.0 { 0.0 } else { self.clear * self.clear_fresnel(cos, self.inside) }
+    }
+
+    /// The chance with which light on a clear facet that reflects `fresnel` is mirrored where it is sampled.
+    fn mirror_chance(&self, fresnel: f32) -> f32 {
+        let passes = (1.0 - fresnel) * self.base.element_sum() / 3.0;
+        if fresnel + passes > 0.0 { fresnel / (fresnel + passes) } else { 1.0 }
     }
 
     /// Of what a thin sheet's facets lose, the share that comes back to the side it came from.
@@ -317,7 +331,8 @@ impl<'a> Layered<'a> {
         let mut f = self.spread(seen, &lit);
         if !self.is_smooth() {
             let (mirror, h) = self.ggx().reflect(o, i);
-            f += self.facet(o.dot(h)) * (mirror * (1.0 - seen.coat.max(lit.coat)));
+            let facet = self.facet(o.dot(h)) + Rgb::splat(self.clear_facet(o.dot(h)));
+            f += facet * (mirror * (1.0 - seen.coat.max(lit.coat)));
         }
         if self.coat > 0.0 && !self.inside && !self.is_coat_smooth() {
             let (mirror, h) = self.coat_ggx().reflect(o, i);
@@ -364,17 +379,16 @@ impl<'a> Layered<'a> {
             };
             let metal = self.base * o.whole + (Rgb::ONE - self.base) * rise;
             shares[MIRROR] += below * self.metal * metal;
-            shares[SPREAD] += below * self.metal * self.metal_again() * lost;
+            shares[AGAIN] += below * self.metal * self.metal_again() * lost;
             if self.opaque > 0.0 {
                 shares[MIRROR] += below * self.opaque * self.mirror_share(o.cos);
-                shares[SPREAD] += self.opaque * self.diffuse_share(o);
+                shares[DIFFUSE] += self.opaque * self.diffuse_share(o);
             }
         }
         if self.clear > 0.0 {
             let (back, on, again, cross) = self.clear_shares(o, lost);
-            shares[MIRROR] += Rgb::splat(below * self.clear * back);
-            shares[SPREAD] += Rgb::splat(below * self.clear * again);
-            shares[THROUGH] += self.base * (below * self.clear * on);
+            shares[CLEAR] += below * self.clear * (Rgb::splat(back) + self.base * on);
+            shares[AGAIN] += Rgb::splat(below * self.clear * again);
             shares[CROSS] += self.base * (below * self.clear * cross);
         }
         shares
@@ -437,29 +451,47 @@ impl<'a> Layered<'a> {
     fn mixture(&self, chances: &[f32; STRATEGIES], o: Vec3, i: Vec3) -> f32 {
         let mut pdf = 0.0;
         if i.z > 0.0 {
-            pdf += chances[SPREAD] * cosine_hemisphere_pdf(i.z);
-            if chances[MIRROR] > 0.0 && !self.is_smooth() {
-                pdf += chances[MIRROR] * self.ggx().reflect_pdf(o, i);
+            pdf += chances[DIFFUSE] * cosine_hemisphere_pdf(i.z);
+            pdf += chances[AGAIN] * self.ggx().bounced_pdf(i.z);
+            if chances[MIRROR] + chances[CLEAR] > 0.0 && !self.is_smooth() {
+                let clear = match chances[CLEAR] > 0.0 {
+                    true => self.mirror_chance(self.clear_fresnel(o.dot((o + i).normalize_or(Vec3::Z)), self.inside)),
+                    false => 0.0,
+                };
+                pdf += (chances[MIRROR] + chances[CLEAR] * clear) * self.ggx().reflect_pdf(o, i);
             }
             if chances[COAT] > 0.0 && !self.is_coat_smooth() {
                 pdf += chances[COAT] * self.coat_ggx().reflect_pdf(o, i);
             }
         } else if !self.is_clear_smooth() {
-            pdf += chances[CROSS] * cosine_hemisphere_pdf(-i.z);
-            pdf += chances[THROUGH]
-                * match self.kind {
-                    Clear::Thin => self.ggx().reflect_pdf(o, i.with_z(-i.z)),
-                    Clear::Solid => self.ggx().refract_pdf(o, i, self.eta()),
-                };
+            pdf += chances[CROSS] * self.ggx().bounced_pdf(-i.z);
+            if chances[CLEAR] > 0.0 {
+                pdf += chances[CLEAR] * self.through_pdf(o, i);
+            }
         }
         pdf
+    }
+
+    /// Density of directions below, of those that rough clear facets send on.
+    fn through_pdf(&self, o: Vec3, i: Vec3) -> f32 {
+        let (pdf, cos) = match self.kind {
+            Clear::Thin => {
+                let i = i.with_z(-i.z);
+                (self.ggx().reflect_pdf(o, i), o.dot((o + i).normalize_or(Vec3::Z)))
+            }
+            Clear::Solid => match self.ggx().refract_pdf(o, i, self.eta()) {
+                Some(found) => found,
+                None => return 0.0,
+            },
+        };
+        pdf * (1.0 - self.mirror_chance(self.clear_fresnel(cos, self.inside)))
     }
 
     /// A direction, with what it is worth; `None` where the light ends.
     pub fn sample(&self, o: Vec3, u: [f32; 3], mode: Transport) -> Option<Scattered> {
         let seen = self.sight(o.z, self.inside);
         let chances = self.chances(&seen)?;
-        let (strategy, chance) = choose(&chances, u[2]);
+        let (strategy, chance, rest) = choose(&chances, u[2]);
         let place = [u[0], u[1]];
         let above = |i: Vec3| (i.z > 0.0).then_some(i);
         let direction = match strategy {
@@ -473,10 +505,11 @@ impl<'a> Layered<'a> {
                 return Some(Scattered::single(straight_back(o), share, chance));
             }
             MIRROR => above(mirrored(o, self.ggx().sample(o, place)))?,
-            SPREAD => above(cosine_hemisphere(place))?,
-            CROSS => above(cosine_hemisphere(place)).map(|i| i.with_z(-i.z))?,
-            _ if self.is_clear_smooth() => return self.straight_on(&seen, o, chance, mode),
-            _ => self.through(o, place)?,
+            DIFFUSE => above(cosine_hemisphere(place))?,
+            AGAIN => above(self.ggx().bounced(place))?,
+            CROSS => above(self.ggx().bounced(place)).map(|i| i.with_z(-i.z))?,
+            _ if self.is_clear_smooth() => return self.clear_single(&seen, o, chance, rest, mode),
+            _ => self.clear_rough(o, place, rest)?,
         };
         let pdf = self.mixture(&chances, o, direction);
         if pdf.is_nan() || pdf <= 0.0 {
@@ -492,21 +525,29 @@ impl<'a> Layered<'a> {
         weight.is_finite().then_some(Scattered { direction, weight, pdf, delta: false, transmitted })
     }
 
-    /// All single directions that light is sent on in, each with the whole of its share.
-    pub fn singles(&self, o: Vec3, mode: Transport) -> [Option<Scattered>; STRATEGIES] {
-        let Some(chances) = self.chances(&self.sight(o.z, self.inside)) else { return [None; STRATEGIES] };
-        let mut below = 0.0;
-        chances.map(|chance| {
-            let middle = below + 0.5 * chance;
-            below += chance;
-            let drawn = self.sample(o, [0.5, 0.5, middle], mode).filter(|drawn| drawn.delta && chance > 0.0)?;
-            Some(Scattered { weight: drawn.weight * chance, pdf: 1.0, ..drawn })
-        })
+    /// All single directions that light is sent on in, each with the whole of its share: by the coat, the mirror, and what is clear.
+    pub fn singles(&self, o: Vec3, mode: Transport) -> [Option<Scattered>; SINGLES] {
+        let seen = self.sight(o.z, self.inside);
+        let coat = (self.coat > 0.0 && !self.inside && self.is_coat_smooth())
+            .then(|| Scattered::single(straight_back(o), Rgb::splat(self.coat * fresnel::dielectric(o.z, COAT_IOR)), 1.0));
+        let mirror = (self.is_smooth() && !self.inside)
+            .then(|| Scattered::single(straight_back(o), self.facet(o.z) * (1.0 - seen.coat), 1.0));
+        let clear = |u: f32| {
+            let drawn = self.clear_single(&seen, o, 1.0, u, mode)?;
+            Some(Scattered { weight: drawn.weight * drawn.pdf, pdf: 1.0, ..drawn })
+        };
+        let is_clear = self.clear > 0.0 && self.is_clear_smooth();
+        // One draw mirrors at the least, one sends on at the most.
+        let [back, on] = [0.0, 1.0].map(|u| if is_clear { clear(u) } else { None });
+        [coat, mirror, back.filter(|s| !s.transmitted), on.filter(|s| s.transmitted)]
     }
 
-    /// A direction below, by rough facets.
-    fn through(&self, o: Vec3, u: [f32; 2]) -> Option<Vec3> {
-        let h = self.ggx().sample(o, u);
+    /// A direction from a rough clear facet, which mirrors where `u` is below the chance of it.
+    fn clear_rough(&self, o: Vec3, place: [f32; 2], u: f32) -> Option<Vec3> {
+        let h = self.ggx().sample(o, place);
+        if u < self.mirror_chance(self.clear_fresnel(o.dot(h), self.inside)) {
+            return Some(mirrored(o, h)).filter(|i| i.z > 0.0);
+        }
         let i = match self.kind {
             Clear::Thin => {
                 let i = mirrored(o, h);
@@ -517,17 +558,22 @@ impl<'a> Layered<'a> {
         (i.z < 0.0).then_some(i)
     }
 
-    /// What passes a smooth surface.
-    fn straight_on(&self, seen: &Sight, o: Vec3, chance: f32, mode: Transport) -> Option<Scattered> {
+    /// What a smooth clear part mirrors, where `u` is below the chance of it, or sends on.
+    fn clear_single(&self, seen: &Sight, o: Vec3, chance: f32, u: f32, mode: Transport) -> Option<Scattered> {
+        let fresnel = self.clear_fresnel(o.z, self.inside);
+        let mirror = self.mirror_chance(fresnel);
+        if u < mirror {
+            let share = Rgb::splat(self.clear * fresnel * (1.0 - seen.coat));
+            return Some(Scattered::single(straight_back(o), share, chance * mirror));
+        }
         let direction = match self.kind {
             Clear::Thin => -o,
             Clear::Solid => refracted(o, Vec3::Z, self.eta())?,
         };
         let lit = self.sight(-direction.z, self.beyond());
         let below = 1.0 - seen.coat.max(lit.coat);
-        let passes = 1.0 - self.clear_fresnel(o.z, self.inside);
-        let share = self.base * (self.clear * below * passes * self.compression(mode));
-        (direction.z < 0.0).then(|| Scattered::single(direction, share, chance))
+        let share = self.base * (self.clear * below * (1.0 - fresnel) * self.compression(mode));
+        (direction.z < 0.0).then(|| Scattered::single(direction, share, chance * (1.0 - mirror)))
     }
 }
 
@@ -541,16 +587,16 @@ pub fn both_faces(f: f32) -> f32 {
     2.0 * f / (1.0 + f)
 }
 
-/// The strategy at `u` in [0, 1), and its chance.
-fn choose(chances: &[f32; STRATEGIES], u: f32) -> (usize, f32) {
-    let mut sum = 0.0;
-    let mut last = 0;
+/// The strategy at `u` in [0, 1), its chance, and `u` spread over [0, 1) within it.
+fn choose(chances: &[f32; STRATEGIES], u: f32) -> (usize, f32, f32) {
+    let (mut low, mut last) = (0.0, 0);
     for (k, &chance) in chances.iter().enumerate().filter(|(_, chance)| **chance > 0.0) {
-        sum += chance;
         last = k;
-        if u < sum {
+        if u < low + chance {
             break;
         }
+        low += chance;
     }
-    (last, chances[last])
+    let rest = (u - low) / chances[last];
+    (last, chances[last], rest.clamp(0.0, 1.0 - f32::EPSILON))
 }

@@ -137,12 +137,11 @@ impl Scattering {
         let index = mesh.triangle_material[triangle] as usize;
         let point = Point { scene, mesh, triangle, at: Vec2::from(barycentric) };
         let material = &scene.materials[index];
-        let (opacity, passes) = passing_at(scene, mesh, triangle, point.at);
-        let share =
-            if material.lets_light_through() { opacity / (1.0 - mean_share(passes)).max(LEAST_STOP) } else { 1.0 };
         let back = if material.double_sided { Back::Alike } else { Back::Black };
         let diffuse = || Lobes::Diffuse(albedo_at(scene, mesh, triangle, point.at));
-        let Some(appearance) = &material.appearance else { return Bsdf { lobes: diffuse(), back, share } };
+        let Some(appearance) = &material.appearance else {
+            return Bsdf { lobes: diffuse(), back, share: point.stopped_share(material) };
+        };
         let (lobes, back) = match (&self.finishes[index], &self.tables) {
             (Finish::Measured(measured), _) => (Lobes::Measured(measured), back),
             (Finish::Pane, _) => (Lobes::Pane(point.pane(material, appearance)), Back::Alike),
@@ -157,7 +156,9 @@ impl Scattering {
             }
             (Finish::Matte | Finish::Layered { .. }, _) => (diffuse(), back),
         };
-        Bsdf { lobes, back, share }
+        // The albedo and panes are of what meets the surface, all else of what it stops.
+        let is_of_all = matches!(lobes, Lobes::Diffuse(_) | Lobes::Pane(_));
+        Bsdf { lobes, back, share: if is_of_all { point.stopped_share(material) } else { 1.0 } }
     }
 
     /// Whether material `material` is a window pane, which rays pass by chance.
@@ -196,13 +197,8 @@ fn clear_ior(appearance: &Appearance) -> f32 {
 
 impl Tables {
     fn new() -> Self {
-        Self {
-            whole: energy::whole(),
-            schlick: energy::rising(Rise::Schlick),
-            coat: energy::rising(Rise::Index(COAT_IOR)),
-            rises: Vec::new(),
-            interfaces: Vec::new(),
-        }
+        let [whole, schlick, coat] = energy::mirrors(Rise::Index(COAT_IOR));
+        Self { whole, schlick, coat, rises: Vec::new(), interfaces: Vec::new() }
     }
 
     /// The index of the table of a curve.
@@ -251,6 +247,15 @@ impl Point<'_> {
             }
         });
         (factor * texel).clamp(0.0, 1.0)
+    }
+
+    /// Opacity over the mean share of light that is stopped: 1 where nothing passes.
+    fn stopped_share(&self, material: &Material) -> f32 {
+        if !material.lets_light_through() {
+            return 1.0;
+        }
+        let (opacity, passes) = passing_at(self.scene, self.mesh, self.triangle, self.at);
+        opacity / (1.0 - mean_share(passes)).max(LEAST_STOP)
     }
 
     fn base_color(&self, appearance: &Appearance) -> Rgb {

@@ -225,6 +225,28 @@ impl Appearance {
         colors.chain(channels.into_iter().flatten().map(|channel| &channel.slot))
     }
 
+    /// Calls `keep` with each texture in use, in the order of [`slots`](Self::slots), and takes those out for which it is false.
+    pub fn retain_slots(&mut self, mut keep: impl FnMut(&mut TextureSlot) -> bool) {
+        for place in [&mut self.base_color_texture, &mut self.dielectric.color_texture] {
+            if place.as_mut().is_some_and(|slot| !keep(slot)) {
+                *place = None;
+            }
+        }
+        let channels = [
+            &mut self.metallic_texture,
+            &mut self.roughness_texture,
+            &mut self.dielectric.specular_texture,
+            &mut self.transmission_texture,
+            &mut self.clearcoat_texture,
+            &mut self.clearcoat_roughness_texture,
+        ];
+        for place in channels {
+            if place.as_mut().is_some_and(|channel| !keep(&mut channel.slot)) {
+                *place = None;
+            }
+        }
+    }
+
     /// Brings numbers into their ranges; says of each that was not what it is.
     pub fn bound(&mut self) -> Vec<&'static str> {
         let mut faults = Vec::new();

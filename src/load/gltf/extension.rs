@@ -10,7 +10,8 @@
 //! | EXT_texture_webp | decoded |
 //! | KHR_draco_mesh_compression | refused, unless the file has an uncompressed copy |
 //! | KHR_lights_punctual | point, spot and directional lights, range included |
-//! | KHR_materials_clearcoat, _specular, _ior, _iridescence, _anisotropy, _sheen, _dispersion | no effect: highlights and coats; what they take from the diffuse light beneath (some 4 %) is left to it |
+//! | KHR_materials_clearcoat, _specular, _ior | no effect on radiosity: highlights and coats; what they take from the diffuse light beneath (some 4 %) is left to it. Methods that follow rays see them (`appearance`) |
+//! | KHR_materials_iridescence, _anisotropy, _sheen, _dispersion | no effect |
 //! | KHR_materials_diffuse_transmission | leaves the albedo and joins what passes; straight on, not spread |
 //! | KHR_materials_emissive_strength | a factor on the emission, which is then in nit |
 //! | KHR_materials_pbrSpecularGlossiness | diffuse colour and texture in place of the base colour |

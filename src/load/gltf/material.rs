@@ -4,6 +4,7 @@
 //! Albedo = base colour factor x texture (x vertex colour, later). A metal has no diffuse part, but it does send light
 //! on; its base colour stands in as a diffuse albedo, which keeps the energy and the tint, and is said.
 
+use super::appearance::Look;
 use super::contribution;
 use super::document::Document;
 use super::mesh::{default_material, uv_name};
@@ -11,6 +12,7 @@ use super::texture::{Images, read_picture, wrap};
 use super::transmission::Transmission;
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
+use crate::load::image::ColorSpace;
 use crate::scene::{Alpha, Contribution, Material, Mesh, Texture, TextureSlot};
 use ::gltf::json;
 use ::gltf::json::material::AlphaMode;
@@ -29,23 +31,33 @@ struct Source {
     color_texture: Option<Info>,
     transmission: Option<Transmission>,
     contribution: Contribution,
+    look: Option<Look>,
 }
 
 /// The scene's materials, one for each of the document and, where a mesh needs it, the default one at the end; the
-/// textures that they use; and the files that were read. Materials that no mesh uses stay at their default.
+/// textures that they use; and the files that were read. Materials that no mesh uses stay at their default. `appearance`: what is not
+/// diffuse is read too.
 pub(super) fn materials(
     document: &Document,
     meshes: &[Mesh],
+    appearance: bool,
     warnings: &mut Warnings,
 ) -> Result<(Vec<Material>, Vec<Texture>, Vec<PathBuf>)> {
     let used: BTreeSet<u32> = meshes.iter().flat_map(|m| m.triangle_material.iter().copied()).collect();
     let default = default_material(document);
     let mut sources = Vec::new();
     for index in used.iter().map(|&m| m as usize).filter(|&m| m < default) {
-        sources.push(Source::read(document, index, warnings)?);
+        let mut source = Source::read(document, index, warnings)?;
+        if appearance {
+            source.look = source.read_look(document, warnings)?;
+        }
+        sources.push(source);
     }
     let infos = sources.iter().flat_map(|s| s.color_texture.iter().chain(s.emission_texture()));
-    let mut images = Images::read(document, infos.map(|i| i.index.value()));
+    let infos = infos
+        .map(|info| (info, ColorSpace::Srgb))
+        .chain(sources.iter().flat_map(|s| s.look.iter().flat_map(Look::infos)));
+    let mut images = Images::read(document, infos.map(|(info, space)| (info.index.value(), space)));
 
     let mut materials = vec![Material::default(); default];
     for source in &sources {
@@ -101,7 +113,12 @@ impl Source {
         let transmission = Transmission::read(document, index, metallic)?;
         let json = document.json.get("materials").and_then(|materials| materials.get(index));
         let contribution = contribution::opinion(json, || document.place("materials", index))?;
-        Ok(Self { index, material, color: within, color_texture, transmission, contribution })
+        Ok(Self { index, material, color: within, color_texture, transmission, contribution, look: None })
+    }
+
+    fn read_look(&self, document: &Document, warnings: &mut Warnings) -> Result<Option<Look>> {
+        let color = (self.color.truncate(), self.color_texture.as_ref());
+        Look::read(document, self.index, &self.material, color, warnings)
     }
 
     /// The emission's texture, where it has an effect.
@@ -112,9 +129,10 @@ impl Source {
     fn convert(&self, document: &Document, images: &mut Images, warnings: &mut Warnings) -> Material {
         let source = &self.material;
         let place = document.place("materials", self.index);
-        let mut slot = |info: &Info| slot(document, images, info, &place, warnings);
-        let albedo_texture = self.color_texture.as_ref().and_then(&mut slot);
-        let emission_texture = self.emission_texture().and_then(slot);
+        let mut slot = |info: &Info, space| slot(document, images, (info, space), &place, warnings);
+        let albedo_texture = self.color_texture.as_ref().and_then(|info| slot(info, ColorSpace::Srgb));
+        let emission_texture = self.emission_texture().and_then(|info| slot(info, ColorSpace::Srgb));
+        let appearance = self.look.as_ref().map(|look| look.finish(slot));
         let strength = source.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
         let strength = strength.map_or(1.0, |s| s.emissive_strength.0);
         let mut emission = (Rgb::from_array(source.emissive_factor.0) * strength).max(Rgb::ZERO);
@@ -139,6 +157,7 @@ impl Source {
             double_sided: source.double_sided,
             alpha,
             contribution: self.contribution.clone(),
+            appearance,
             ..Material::default()
         };
         if let Some(transmission) = &self.transmission {
@@ -156,11 +175,11 @@ impl Source {
 fn slot(
     document: &Document,
     images: &Images,
-    info: &Info,
+    (info, space): (&Info, ColorSpace),
     place: &str,
     warnings: &mut Warnings,
 ) -> Option<TextureSlot> {
-    let index = images.of(document, info.index.value(), place, warnings)?;
+    let index = images.of(document, (info.index.value(), space), place, warnings)?;
     Some(placement(document, info, index, place, warnings))
 }
 
@@ -187,7 +206,8 @@ fn placement(document: &Document, info: &Info, index: usize, place: &str, warnin
 /// Names materials whose textures can't be placed on a mesh that uses them.
 fn warn_missing_uvs(document: &Document, index: usize, material: &Material, meshes: &[Mesh], warnings: &mut Warnings) {
     let slots = [&material.albedo_texture, &material.emission_texture, &material.transmission_texture];
-    for slot in slots.into_iter().flatten() {
+    let beyond = material.appearance.iter().flat_map(|look| look.slots());
+    for slot in slots.into_iter().flatten().chain(beyond) {
         for mesh in meshes.iter().filter(|m| m.uv_set(&slot.uv_set).is_none()) {
             if mesh.triangle_material.iter().any(|&m| m as usize == index) {
                 let place = format!("{} on {}", document.place("materials", index), mesh.name);

@@ -11,6 +11,7 @@
 
 mod accessor;
 mod animation;
+mod appearance;
 mod camera;
 mod contribution;
 mod document;
@@ -88,7 +89,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
         warnings.add(document.file(), "the file has meshes, but no visible node of its scene shows one");
     }
     let meshes = meshes.into_meshes();
-    let (materials, mut textures, pictures) = material::materials(&document, &meshes, &mut warnings)?;
+    let (materials, mut textures, pictures) =
+        material::materials(&document, &meshes, options.appearance, &mut warnings)?;
     document.inputs.extend(pictures);
     let environment = environment::read(&mut document, &mut textures, &mut warnings)?;
     let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment, cameras, media: Vec::new() };

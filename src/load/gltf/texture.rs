@@ -18,20 +18,22 @@ use std::path::PathBuf;
 
 /// The decoded images of a document.
 pub(super) struct Images {
-    /// Index into `textures` by image of the document, or why it can't be read.
-    by_image: BTreeMap<usize, std::result::Result<usize, String>>,
+    /// Index into `textures` by image of the document and whether its numbers are linear, or why it can't be read.
+    by_image: BTreeMap<(bool, usize), std::result::Result<usize, String>>,
     pub textures: Vec<Texture>,
     /// Files that were read.
     pub files: Vec<PathBuf>,
 }
 
 impl Images {
-    /// Decodes the images of `textures` (indices of the document's), each once.
-    pub fn read(document: &Document, textures: impl Iterator<Item = usize>) -> Self {
-        let mut images: Vec<usize> = textures.filter_map(|t| image(document, t)).collect();
+    /// Decodes the images of `textures` (indices of the document's), each once for each meaning of its numbers.
+    pub fn read(document: &Document, textures: impl Iterator<Item = (usize, ColorSpace)>) -> Self {
+        let mut images: Vec<(bool, usize)> =
+            textures.filter_map(|(t, space)| Some((space == ColorSpace::Linear, image(document, t)?))).collect();
         images.sort_unstable();
         images.dedup();
-        let decoded: Vec<_> = images.par_iter().map(|&i| read_image(document, i, ColorSpace::Srgb)).collect();
+        let space = |is_linear| if is_linear { ColorSpace::Linear } else { ColorSpace::Srgb };
+        let decoded: Vec<_> = images.par_iter().map(|&(l, i)| read_image(document, i, space(l))).collect();
         let mut out = Self { by_image: BTreeMap::new(), textures: Vec::new(), files: Vec::new() };
         for (image, result) in images.into_iter().zip(decoded) {
             let index = result.map(|(texture, file)| {
@@ -46,8 +48,15 @@ impl Images {
 
     /// The scene's index of texture `texture` of the document; `None`, with a warning that names `user` and the file, where its
     /// image can't be read.
-    pub fn of(&self, document: &Document, texture: usize, user: &str, warnings: &mut Warnings) -> Option<usize> {
-        match image(document, texture).and_then(|image| self.by_image.get(&image)) {
+    pub fn of(
+        &self,
+        document: &Document,
+        (texture, space): (usize, ColorSpace),
+        user: &str,
+        warnings: &mut Warnings,
+    ) -> Option<usize> {
+        let key = |image| (space == ColorSpace::Linear, image);
+        match image(document, texture).and_then(|image| self.by_image.get(&key(image))) {
             Some(Ok(index)) => return Some(*index),
             Some(Err(error)) => warnings.add_missing(format!("{user}: {error}"), UNREADABLE),
             None => warnings.add_missing(user, missing_message(document, texture)),

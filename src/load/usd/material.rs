@@ -10,15 +10,15 @@
 //! Colours are constants, textures, the primvar displayColor, or products of these. Metals count as diffuse surfaces of
 //! the same colour; a coat, a sheen or scattering below the surface is not followed.
 
-use super::contribution;
 use super::mesh::MaterialUse;
 use super::network::{self, Origin};
 use super::read::{self, Reading};
 use super::texture::{Sampled, Textures};
 use super::udim;
+use super::{appearance, contribution};
 use crate::color::Rgb;
 use crate::load::access::Access;
-use crate::scene::{Alpha, Contribution, Material, Mesh, Texture, TextureSlot};
+use crate::scene::{Alpha, ChannelSlot, Contribution, Material, Mesh, Texture, TextureSlot};
 use glam::{Vec3, Vec4};
 use openusd::sdf::{Path, Value};
 use openusd::usd::{Attribute, Prim, Stage};
@@ -43,6 +43,8 @@ pub struct Materials {
     textures: Textures,
     used: HashMap<Key, MaterialUse>,
     parsed: HashMap<String, Option<Parsed>>,
+    /// Looks beyond the diffuse are read too.
+    appearance: bool,
 }
 
 /// Materials are made for each side and fallback colour that they are used with.
@@ -192,10 +194,10 @@ impl Materials {
         &self.materials
     }
 
-    /// None yet; textures are those that `access` allows.
-    pub fn new(access: &Access) -> Self {
+    /// None yet; textures are those that `access` allows. `appearance`: what is not diffuse is read too.
+    pub fn new(access: &Access, appearance: bool) -> Self {
         let textures = Textures::new(access);
-        Self { materials: Vec::new(), textures, used: HashMap::new(), parsed: HashMap::new() }
+        Self { materials: Vec::new(), textures, used: HashMap::new(), parsed: HashMap::new(), appearance }
     }
 
     pub fn textures(&mut self) -> &mut Textures {
@@ -231,7 +233,13 @@ impl Materials {
                     let message = format!("of {id} only base colour, emission, opacity and transmission are used");
                     warnings.add(prim.path(), message);
                 }
-                return Some(self.parse_surface(prim, &shader, &inputs, warnings));
+                let mut parsed = self.parse_surface(prim, &shader, &inputs, warnings);
+                if self.appearance {
+                    let base = self.base_color(&shader, &inputs, &parsed.material, warnings);
+                    let look = appearance::read(self, prim, &shader, &id, base, warnings);
+                    parsed.material.appearance = look;
+                }
+                return Some(parsed);
             }
             if !unknown.contains(&id) {
                 unknown.push(id);
@@ -276,6 +284,31 @@ impl Materials {
             appearance: None,
         };
         Parsed { material, display_color: base.display_color }
+    }
+
+    /// The base colour, as it is without what passes, and its texture.
+    fn base_color(
+        &mut self,
+        shader: &Prim,
+        inputs: &SurfaceInputs,
+        material: &Material,
+        w: &mut Reading,
+    ) -> (Rgb, Option<TextureSlot>) {
+        let base = self.color_input(shader, inputs.color, Rgb::splat(inputs.color_default), w);
+        let weight = inputs.color_weight.and_then(|name| float(shader, name, w)).unwrap_or(1.0);
+        ((base.factor * weight).clamp(Rgb::ZERO, Rgb::ONE), material.albedo_texture.clone())
+    }
+
+    /// The number `name` of `shader`, and the texture that multiplies it.
+    pub fn channel(&mut self, shader: &Prim, name: &str, default: f32, w: &mut Reading) -> (f32, Option<ChannelSlot>) {
+        let found = self.color_input(shader, name, Rgb::splat(default), w);
+        (found.factor.x, found.texture.map(|slot| appearance::channel(slot, &found.output)))
+    }
+
+    /// The colour `name` of `shader`, and the texture that multiplies it.
+    pub fn color(&mut self, shader: &Prim, name: &str, default: Rgb, w: &mut Reading) -> (Rgb, Option<TextureSlot>) {
+        let found = self.color_input(shader, name, default, w);
+        (found.factor, found.texture)
     }
 
     fn emission(&mut self, shader: &Prim, inputs: &SurfaceInputs, w: &mut Reading) -> ColorInput {
@@ -407,7 +440,7 @@ impl Materials {
             }
         }
         if glow.sync == Sync::NoResponse {
-            (material.albedo, material.transmission) = (Rgb::ZERO, Rgb::ZERO);
+            (material.albedo, material.transmission, material.appearance) = (Rgb::ZERO, Rgb::ZERO, None);
         }
         self.materials.push(material);
         self.materials.len() as u32 - 1

@@ -7,6 +7,7 @@
 //!
 //! The stage's unit and up axis are folded into transforms; mesh positions stay as authored. UVs are flipped to v down.
 
+mod appearance;
 mod binding;
 mod camera;
 mod contribution;

@@ -45,7 +45,7 @@ pub fn missing_uv_sets(mesh: &Mesh, materials: &[Material]) -> Vec<String> {
     used.dedup();
     let mut missing = Vec::new();
     for material in used.iter().filter_map(|&m| materials.get(m as usize)) {
-        for slot in material.slots() {
+        for slot in material.slots().chain(material.appearance.iter().flat_map(|look| look.slots())) {
             if mesh.uv_set(&slot.uv_set).is_none() {
                 missing.push(format!("has no primvar {}, which its material's texture reads", slot.uv_set));
             }

@@ -48,7 +48,8 @@ pub fn files(resolver: &impl Resolver, shader: &Prim, input: &str, name: &str) -
 /// Gives each face of `mesh` the material of its tile; `materials` gets one for each tile that is met.
 pub fn choose_tiles(mesh: &mut Mesh, materials: &mut Vec<Material>, textures: &Textures, reading: &mut Reading) {
     let is_tiled = |slot: &TextureSlot| textures.tiles.contains_key(&slot.texture);
-    if textures.tiles.is_empty() || !mesh.triangle_material.iter().any(|&m| materials[m as usize].slots().any(is_tiled))
+    if textures.tiles.is_empty()
+        || !mesh.triangle_material.iter().any(|&m| all_slots(&materials[m as usize]).any(is_tiled))
     {
         return;
     }
@@ -59,7 +60,7 @@ pub fn choose_tiles(mesh: &mut Mesh, materials: &mut Vec<Material>, textures: &T
         let of = |t: usize| (mesh.origin[t].part, mesh.origin[t].face);
         let end = (first..mesh.triangles.len()).find(|&t| of(t) != of(first)).unwrap_or(mesh.triangles.len());
         let index = mesh.triangle_material[first];
-        let slots: Vec<&TextureSlot> = materials[index as usize].slots().collect();
+        let slots: Vec<&TextureSlot> = all_slots(&materials[index as usize]).collect();
         if slots.iter().any(|slot| is_tiled(slot)) {
             let tiles: Vec<[i32; 2]> = slots.iter().map(|slot| tile(mesh, first..end, slot)).collect();
             let made = *known.entry((index, tiles.clone())).or_insert_with(|| {
@@ -87,36 +88,49 @@ fn tile(mesh: &Mesh, triangles: std::ops::Range<usize>, slot: &TextureSlot) -> [
     [middle.x.floor() as i32, (1.0 - middle.y).floor() as i32]
 }
 
+/// The textures in use, those of the appearance last.
+fn all_slots(material: &Material) -> impl Iterator<Item = &TextureSlot> {
+    material.slots().chain(material.appearance.iter().flat_map(|look| look.slots()))
+}
+
 /// Gives the tiled slots of `material` their tiles' pictures; the number of those without one.
 fn tiled_slots(material: &mut Material, tiles: &[[i32; 2]], textures: &Textures) -> usize {
     let mut empty = 0;
+    let mut tiles = tiles.iter();
+    let mut choose = |slot: &mut TextureSlot| {
+        let has_picture = tiles.next().is_none_or(|tile| choose_tile(slot, *tile, textures));
+        empty += usize::from(!has_picture);
+        has_picture
+    };
     let slots = [
         &mut material.albedo_texture,
         &mut material.emission_texture,
         &mut material.opacity_texture,
         &mut material.transmission_texture,
     ];
-    for (place, tile) in slots.into_iter().filter(|slot| slot.is_some()).zip(tiles) {
-        let Some(slot) = place else { continue };
-        let Some(pictures) = textures.tiles.get(&slot.texture) else { continue };
-        let number = tile.map(u32::try_from);
-        let picture = match number {
-            [Ok(column), Ok(row)] => pictures.get(&[column, row]),
-            _ => None,
-        };
-        match picture {
-            Some(&picture) => {
-                slot.texture = picture;
-                // To the unit square; the scene's v points down.
-                let shift = Vec2::new(-tile[0] as f32, tile[1] as f32);
-                slot.image_from_uv = Affine2::from_translation(shift) * slot.image_from_uv;
-                slot.wrap = [Wrap::Clamp; 2];
-            }
-            None => {
-                *place = None;
-                empty += 1;
-            }
+    for place in slots {
+        if place.as_mut().is_some_and(|slot| !choose(slot)) {
+            *place = None;
         }
     }
+    if let Some(look) = &mut material.appearance {
+        look.retain_slots(choose);
+    }
     empty
+}
+
+/// Gives `slot` the picture of `tile`; false where there is none.
+fn choose_tile(slot: &mut TextureSlot, tile: [i32; 2], textures: &Textures) -> bool {
+    let Some(pictures) = textures.tiles.get(&slot.texture) else { return true };
+    let picture = match tile.map(u32::try_from) {
+        [Ok(column), Ok(row)] => pictures.get(&[column, row]),
+        _ => None,
+    };
+    let Some(&picture) = picture else { return false };
+    slot.texture = picture;
+    // To the unit square; the scene's v points down.
+    let shift = Vec2::new(-tile[0] as f32, tile[1] as f32);
+    slot.image_from_uv = Affine2::from_translation(shift) * slot.image_from_uv;
+    slot.wrap = [Wrap::Clamp; 2];
+    true
 }

@@ -135,7 +135,7 @@ impl Walk {
             stage,
             scene: Scene::default(),
             warnings,
-            materials: Materials::new(access),
+            materials: Materials::new(access, options.appearance),
             skeletons: Skeletons::default(),
             subdivide: options.subdivide,
             purposes: options.purposes(),
