@@ -338,8 +338,9 @@ fn finish(
     report.describe(&baked);
     let mut staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
     if let Some(lit) = lit {
-        folder::write_probes(&lit.probes, folder, &mut staging)?;
+        folder::write_probes(&lit.probes, &mut staging)?;
     }
+    report.files = folder::retire(&baked, &report.inputs, &mut staging);
     report.stages = clock.stages();
     report.peak_memory_bytes = peak_memory();
     folder::commit(staging, &report, clock)?;
