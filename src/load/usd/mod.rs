@@ -20,7 +20,7 @@ mod mesh;
 mod network;
 mod polygon;
 mod primvar;
-mod read;
+pub(crate) mod read;
 pub mod resolver;
 mod role;
 mod shape;
