@@ -315,6 +315,10 @@ fn finish(
     let lightmap = lit.map(|lit| &lit.lightmap);
     let vertices = lit.map(|lit| light_vertices(loaded, atlas, lit, settings, clock)).transpose()?.flatten();
     let vertices = vertices.map(|(vertices, of_vertices)| {
+        if settings.max_triangles.is_some_and(|most| of_vertices.given_triangles > most) {
+            let place = format!("{} triangles", of_vertices.given_triangles);
+            report.warnings.add(place, "more than max-triangles before anything is cut; meshes were left as they are");
+        }
         report.vertices = Some(of_vertices);
         vertices
     });
