@@ -6,7 +6,7 @@ use crate::meshing::LitMesh;
 use crate::post::{Layer, Lightmap};
 use crate::probe::LightProbes;
 use crate::progress::Progress;
-use crate::report::Report;
+use crate::report::{Input, Report};
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
 use crate::write::encode::{self, Encoded, Encoding};
@@ -15,6 +15,19 @@ use crate::write::output::Staging;
 use crate::write::{self, Baked, GltfProfile, engines, gltf, usd};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
+
+/// What follows the scene's name in those of its files beside the pages.
+const SUFFIXES: [&str; 5] = [GLB, VERTEX_GLB, LAYER, VERTEX_LAYER, NOTE];
+const GLB: &str = "glb";
+const VERTEX_GLB: &str = "vertex.glb";
+const LAYER: &str = "lumel.usda";
+const VERTEX_LAYER: &str = "vertex.usda";
+const NOTE: &str = "loading.txt";
+
+/// The name of the scene's file with the suffix `suffix`.
+fn named(scene: &Path, suffix: &str) -> String {
+    format!("{}.{suffix}", stem(scene))
+}
 
 /// The scene file's name without its extension.
 fn stem(scene: &Path) -> String {
@@ -56,25 +69,25 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
         pages.push((form, form.uris.iter().map(|uri| staging.path(uri)).collect::<Result<Vec<PathBuf>>>()?));
     }
     if let Some(engine) = settings.engine.filter(|_| baked.lightmap.is_some()) {
-        let glb = settings.gltf_profiles().contains(&GltfProfile::Engine).then(|| format!("{}.glb", stem(scene)));
-        let path = staging.path(format!("{}.loading.txt", stem(scene)))?;
+        let glb = settings.gltf_profiles().contains(&GltfProfile::Engine).then(|| named(scene, GLB));
+        let path = staging.path(named(scene, NOTE))?;
         std::fs::write(&path, engines::note(engine, baked, glb.as_deref())).map_err(|e| Error::io(&path, e))?;
     }
     let mut glbs = Vec::new();
     for profile in settings.gltf_profiles() {
         let file = match profile {
-            GltfProfile::Engine => format!("{}.glb", stem(scene)),
+            GltfProfile::Engine => named(scene, GLB),
             // Without light there are no colours to write.
             GltfProfile::Vertex if baked.vertices.is_none() => continue,
-            GltfProfile::Vertex => format!("{}.vertex.glb", stem(scene)),
+            GltfProfile::Vertex => named(scene, VERTEX_GLB),
         };
         glbs.push((*profile, staging.path(file)?));
     }
     let mut layers: Vec<(LayerWriter, PathBuf)> = Vec::new();
     if let Source::Usd(_) = baked.source {
-        layers.push((usd::write, staging.path(format!("{}.lumel.usda", stem(scene)))?));
+        layers.push((usd::write, staging.path(named(scene, LAYER))?));
         if baked.vertices.is_some_and(|v| !v.surfaces.iter().all(LitMesh::is_given)) {
-            layers.push((usd::write_refined, staging.path(format!("{}.vertex.usda", stem(scene)))?));
+            layers.push((usd::write_refined, staging.path(named(scene, VERTEX_LAYER))?));
         }
     }
     let write_glb = |(profile, path): &(GltfProfile, PathBuf)| {
@@ -152,29 +165,60 @@ fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, set
     write_page(path, &lightmap.pages[number], &layers, &header, settings.float)
 }
 
-/// Writes the light probes into the staging folder. Where there are none, those of an earlier bake into `folder` go: an engine would
-/// take them for this one's.
+/// Writes the light probes into the staging folder, where there are any.
 ///
 /// # Errors
 /// Those of the writer.
-pub fn write_probes(probes: &LightProbes, folder: &Path, staging: &mut Staging) -> Result<()> {
+pub fn write_probes(probes: &LightProbes, staging: &mut Staging) -> Result<()> {
     if probes.list.is_empty() {
-        earlier_probes(folder).for_each(|file| staging.remove(file));
         return Ok(());
     }
     let [json, exr] = write::probes::FILES;
     write::probes::write(&staging.path(json)?, &staging.path(exr)?, probes)
 }
 
-/// The probe files that the report in `folder` lists: what it doesn't is somebody else's.
-fn earlier_probes(folder: &Path) -> impl Iterator<Item = &'static str> {
+/// Lets the files of earlier runs go that this one doesn't replace: an engine would take them for its own. They are those that the
+/// report in the output folder lists, by names that a bake of this scene gives, and none of the `inputs`: what is none of these is
+/// somebody else's. Without light nothing goes, as pages take long to bake. Returns what the folder holds then, for the report.
+pub fn retire(baked: &Baked, inputs: &[Input], staging: &mut Staging) -> Vec<String> {
+    let mut files: Vec<String> = staging.files().map(|file| file.to_string_lossy().into_owned()).collect();
+    let is_input = |file: &str| {
+        let place = baked.folder.join(file).canonicalize().ok();
+        place.is_some_and(|place| inputs.iter().any(|input| input.path.canonicalize().is_ok_and(|i| i == place)))
+    };
+    for file in earlier(baked.folder, &stem(baked.source.path())) {
+        if files.contains(&file) || is_input(&file) {
+            continue;
+        }
+        if baked.lightmap.is_some() {
+            staging.remove(file);
+        } else {
+            files.push(file);
+        }
+    }
+    files
+}
+
+/// The files of a scene named `stem` that the report in `folder` lists.
+fn earlier(folder: &Path, stem: &str) -> Vec<String> {
     let text = std::fs::read(folder.join("report.json")).unwrap_or_default();
     let report: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
-    let is_listed = move |file: &&str| {
-        let files = report["probes"]["files"].as_array();
-        files.is_some_and(|files| files.iter().any(|f| f == file))
-    };
-    write::probes::FILES.into_iter().filter(is_listed)
+    let listed = report["files"].as_array().into_iter().flatten().filter_map(|file| file.as_str());
+    listed.filter(|file| is_of_a_bake(file, stem)).map(str::to_owned).collect()
+}
+
+/// True for the names, relative to the output folder, that [`write`] and [`write_probes`] give to files of a scene named `stem`.
+fn is_of_a_bake(file: &str, stem: &str) -> bool {
+    if write::probes::FILES.contains(&file) {
+        return true;
+    }
+    if let Some(page) = file.strip_prefix("lightmaps/").and_then(|page| page.strip_prefix(stem)?.strip_prefix('_')) {
+        let (number, suffix) = page.split_once('.').unwrap_or_default();
+        let is_number = number.parse::<u32>().is_ok_and(|n| n.to_string() == number);
+        return is_number && Encoding::ALL.iter().any(|encoding| encoding.suffix() == suffix);
+    }
+    let suffix = file.strip_prefix(stem).and_then(|rest| rest.strip_prefix('.'));
+    suffix.is_some_and(|suffix| SUFFIXES.contains(&suffix))
 }
 
 /// Adds the report and moves everything into place.
@@ -187,4 +231,30 @@ pub fn commit(mut staging: Staging, report: &Report, progress: &dyn Progress) ->
     std::fs::write(&path, text).map_err(|e| Error::io(&path, e))?;
     progress.check()?;
     staging.commit()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_of_a_bake;
+
+    #[test]
+    fn names_of_a_bake_are_told_from_others() {
+        let own = ["a.b.glb", "a.b.vertex.usda", "lightmaps/a.b_0.exr", "lightmaps/a.b_12.rgbm-srgb.png", "probes.exr"];
+        own.iter().for_each(|name| assert!(is_of_a_bake(name, "a.b"), "{name}"));
+        let others = [
+            "a.b.usda",
+            "a.glb",
+            "c.glb",
+            "report.json",
+            "lightmaps/a.b_01.exr",
+            "lightmaps/a.b_.exr",
+            "lightmaps/a.b_0.tif",
+            "lightmaps/../a.b_0.exr",
+            "lightmaps/a.b_0/../../x.exr",
+            "../a.b.glb",
+            "/a.b.glb",
+            "",
+        ];
+        others.iter().for_each(|name| assert!(!is_of_a_bake(name, "a.b"), "{name}"));
+    }
 }

@@ -319,6 +319,10 @@ fn finish(
     let lightmap = lit.map(|lit| &lit.lightmap);
     let vertices = lit.map(|lit| light_vertices(loaded, atlas, lit, settings, clock)).transpose()?.flatten();
     let vertices = vertices.map(|(vertices, of_vertices)| {
+        if settings.max_triangles.is_some_and(|most| of_vertices.given_triangles > most) {
+            let place = format!("{} triangles", of_vertices.given_triangles);
+            report.warnings.add(place, "more than max-triangles before anything is cut; meshes were left as they are");
+        }
         report.vertices = Some(of_vertices);
         vertices
     });
@@ -342,8 +346,9 @@ fn finish(
     report.describe(&baked);
     let mut staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
     if let Some(lit) = lit {
-        folder::write_probes(&lit.probes, folder, &mut staging)?;
+        folder::write_probes(&lit.probes, &mut staging)?;
     }
+    report.files = folder::retire(&baked, &report.inputs, &mut staging);
     report.stages = clock.stages();
     report.peak_memory_bytes = peak_memory();
     folder::commit(staging, &report, clock)?;

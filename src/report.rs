@@ -79,6 +79,9 @@ pub struct Report {
     pub probes: Option<ProbeReport>,
     /// Most memory that the process held [bytes]; absent where the system doesn't tell.
     pub peak_memory_bytes: Option<u64>,
+    /// What the output folder holds of this scene beside the report, relative to it. The next bake into it lets go what it doesn't
+    /// write itself.
+    pub files: Vec<String>,
     pub warnings: Warnings,
 }
 

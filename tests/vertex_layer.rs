@@ -204,3 +204,21 @@ fn shapes_become_meshes_and_point_instancers_have_no_light() {
     assert!((area - 24.0).abs() < 1e-3, "{area}");
     assert!(vectors(&cube, "normals").iter().all(|n| (n.length() - 1.0).abs() < 1e-5));
 }
+
+#[test]
+fn blend_shapes_do_not_move_points_that_they_were_not_made_for() {
+    let shape = r#"uniform token[] skel:blendShapes = ["bulge"]
+    rel skel:blendShapeTargets = </World/Face/bulge>
+    def BlendShape "bulge" {
+        uniform vector3f[] offsets = [(5, 0, 0)]
+        uniform int[] pointIndices = [2]
+    }"#;
+    let (pieces, given, warnings) = layers("blend shapes", &stage(&mesh("Face", shape)), all_cut);
+    let expected = "/World/Face: was refined in its pose: the Mesh in its place no longer moves with its skeleton";
+    assert_eq!(warnings, [expected]);
+    let names = |stage: &Stage| {
+        let face = stage.prim("/World/Face").unwrap();
+        face.attribute("skel:blendShapes").has_value().unwrap()
+    };
+    assert!(names(&given) && !names(&pieces));
+}

@@ -9,6 +9,7 @@ use lumel::meshing::{LitMesh, MeshMode, MeshParams, Source, VertexLight, VertexR
 use lumel::post::{Lightmap, PageImage, Quantity};
 use lumel::progress::Silent;
 use lumel::scene::Scene;
+use lumel::scene::{Light, LightShape};
 use lumel::unwrap::Atlas;
 use std::collections::BTreeMap;
 use support::{Quad, atlas, mesh_atlas, mesh_scene, room, scene, sphere};
@@ -136,6 +137,40 @@ fn what_is_linear_is_held_as_it_is() {
     assert!(report.within > 99.99 && report.p95 < 0.4, "{report:?}");
 }
 
+/// What `mesh` shows on surface 0 of `scene`, over its area.
+fn mean_of(scene: &Scene, mesh: &LitMesh) -> f64 {
+    let (mut sum, mut whole) = (0.0, 0.0);
+    for t in &mesh.triangles {
+        let [a, b, c] = scene.world_triangle(0, t.source as usize).map(|p| p.as_dvec3());
+        let [a, b, c] = t.corners.map(|w| a * w.0.x + b * w.0.y + c * w.0.z);
+        let area = 0.5 * (b - a).cross(c - a).length();
+        sum += area * t.values.iter().map(|v| f64::from(v.x)).sum::<f64>() / 3.0;
+        whole += area;
+    }
+    sum / whole
+}
+
+#[test]
+fn a_patch_of_sun_on_few_triangles_keeps_its_light() {
+    let (scene, atlas) = floor();
+    for (side, corner) in [(0.5, [0.1, 0.1]), (0.3, [1.5, 0.2]), (0.8, [0.6, 0.6])] {
+        let sun = |p: Vec3| {
+            let inside = [p.x, p.z].iter().zip(corner).all(|(p, low)| (low..low + side).contains(p));
+            if inside { 8.0 } else { 0.05 }
+        };
+        let lightmap = page(&scene, &atlas, sun);
+        let texels = lightmap.pages[0].rgb.iter().zip(&lightmap.pages[0].coverage).filter(|(_, c)| **c > 0.0);
+        let (sum, count) = texels.fold((0.0, 0.0), |(sum, count), (v, _)| (sum + f64::from(v.x), count + 1.0));
+        let (vertices, _) = made(&scene, &atlas, &lightmap, GIVEN);
+        let mesh = &vertices.surfaces[0];
+        let off = mean_of(&scene, mesh) / (sum / count) - 1.0;
+        // But for texels along the border, which are shared by the triangles.
+        assert!(off.abs() < 4e-3, "{side} {corner:?}: {off}");
+        let values = mesh.triangles.iter().flat_map(|t| t.values);
+        assert!(values.clone().all(|v| v.min_element() >= 0.0), "{:?}", values.collect::<Vec<_>>());
+    }
+}
+
 /// Two unit squares that meet at the y axis with an angle of `degrees` between their normals, in light 1 and 3.
 fn hinge(degrees: f32, normals: bool) -> [LitMesh; 1] {
     let (sin, cos) = degrees.to_radians().sin_cos();
@@ -220,6 +255,76 @@ fn triangles_go_where_they_are_needed_most() {
         }
         last = off;
     }
+}
+
+#[test]
+fn jumps_don_t_take_more_triangles_than_there_may_be() {
+    // Slats under a sun: a jump for each of their edges.
+    let mut quads = vec![Quad::new([0.; 3], [0., 0., 2.], [2., 0., 0.])];
+    quads.extend((0..24).map(|k| {
+        let x = 0.05 + 0.075 * k as f32;
+        Quad::new([x, 0.5, 0.1], [0., 0., 1.8], [0.04, 0., 0.]).double_sided()
+    }));
+    let mut scene = scene(&quads);
+    let sun = LightShape::Directional { direction: Vec3::NEG_Y, illuminance: Rgb::splat(10.0), angle: 0.0 };
+    scene.lights.push(Light::new("sun", sun));
+    scene.surfaces[1..].iter_mut().for_each(|slat| slat.role.receives = false);
+    let mut atlas = atlas(quads.len(), 128);
+    atlas.density = 64.0;
+    let is_dark = |p: Vec3| (0.1..1.9).contains(&p.z) && (0.0..0.04).contains(&((p.x - 0.05).rem_euclid(0.075)));
+    let lightmap = page(&scene, &atlas, |p| if p.x < 1.85 && is_dark(p) { 0.2 } else { 3.0 });
+    let mut off = f64::INFINITY;
+    for most in [40, 150, 1000] {
+        let params = MeshParams { mode: MeshMode::Discontinuity, max_triangles: Some(most), ..GIVEN };
+        let (vertices, report) = made(&scene, &atlas, &lightmap, params);
+        assert!(report.triangles <= most, "{report:?} of {most}");
+        assert_watertight(&scene, 0, &vertices.surfaces[0]);
+        assert!(report.p95 <= off, "{report:?} after {off}");
+        off = report.p95;
+    }
+}
+
+#[test]
+fn light_does_not_seep_across_a_jump() {
+    // A hard, round shadow without a gap, and texels that hold what of them is lit.
+    let disc = |k: u32| {
+        let (sin, cos) = (k as f32 / 40.0 * std::f32::consts::TAU + 0.03).sin_cos();
+        Vec3::new(0.93 + 0.61 * sin, 0.5, 1.07 + 0.61 * cos)
+    };
+    let quads = [Quad::new([0.; 3], [0., 0., 2.], [2., 0., 0.]), Quad::new([0.; 3], [1., 0., 0.], [0., 0., 1.])];
+    let mut scene = scene(&quads);
+    let mesh = &mut scene.meshes[1];
+    mesh.positions = (0..40).map(disc).collect();
+    mesh.triangles = (1..39).map(|k| [0, k, k + 1]).collect();
+    mesh.triangle_material = vec![0; 38];
+    mesh.origin = vec![Default::default(); 38];
+    mesh.uvs.clear();
+    let sun = LightShape::Directional { direction: Vec3::NEG_Y, illuminance: Rgb::splat(10.0), angle: 0.0 };
+    scene.lights.push(Light::new("sun", sun));
+    scene.surfaces[1].role.receives = false;
+    let is_dark = |p: Vec3| {
+        let side = |k: u32| {
+            let [a, b] = [disc(k), disc(k + 1)];
+            (b.z - a.z) * (p.x - a.x) - (b.x - a.x) * (p.z - a.z)
+        };
+        (0..40).all(|k| side(k) <= 0.0) || (0..40).all(|k| side(k) >= 0.0)
+    };
+    let mut atlas = atlas(2, 64);
+    atlas.density = 32.0;
+    let of_disc = &mut atlas.meshes[1];
+    (of_disc.corners, of_disc.chart) = (vec![of_disc.corners[0]; 38], vec![0; 38]);
+    let texel = 2.0 / 64.0;
+    let share = |p: Vec3| {
+        let at = |i: u32| ((i as f32 + 0.5) / 8.0 - 0.5) * texel;
+        let dark = (0..64).filter(|k| is_dark(p + Vec3::new(at(k % 8), 0.0, at(k / 8)))).count();
+        if p.y == 0.0 { 3.0 - 2.8 * dark as f32 / 64.0 } else { 0.0 }
+    };
+    let lightmap = page(&scene, &atlas, share);
+    let params = MeshParams { mode: MeshMode::Discontinuity, ..GIVEN };
+    let (vertices, _) = made(&scene, &atlas, &lightmap, params);
+    let values = vertices.surfaces[0].triangles.iter().flat_map(|t| t.values).map(|v| v.x);
+    let off = values.map(|v| (v - 0.2).abs().min((v - 3.0).abs())).fold(0.0, f32::max);
+    assert!(off < 0.05, "a value is {off} off both sides");
 }
 
 /// The floor as n x n squares.

@@ -116,6 +116,44 @@ def Xform "World" { }
 }
 
 #[test]
+fn metadata_that_no_stage_may_have_is_left_out() {
+    let usda = r#"#usda 1.0
+(
+    defaultPrim = "World/Box"
+    endTimeCode = inf
+    framePrecision = -1
+    framesPerSecond = -1
+    kilogramsPerUnit = nan
+    metersPerUnit = 0
+    startTimeCode = -7
+    timeCodesPerSecond = 0
+    upAxis = "X"
+)
+def Xform "World" { def Xform "Box" { } }
+"#;
+    let bake = Bake::new("invalid metadata", usda);
+    let (stage, warnings) = bake.write();
+    // Of fields that are to be alike, warnings name the first.
+    let named = [
+        ("endTimeCode", "a finite number"),
+        ("framePrecision", "an integer of 0 or more"),
+        ("framesPerSecond", "a positive number"),
+        ("upAxis", "Y or Z"),
+    ];
+    let file = bake.input().display().to_string();
+    let expected = named.map(|(name, what)| {
+        format!("{file} ({name}): is not {what}; the layer is without it, as readers refuse it or read something else")
+    });
+    assert_eq!(warnings, expected);
+    let text = bake.text();
+    let alike = ["kilogramsPerUnit", "metersPerUnit", "timeCodesPerSecond"];
+    let mut left_out = named.iter().map(|(name, _)| *name).chain(alike);
+    assert!(!left_out.any(|name| text.contains(name)), "{text}");
+    assert_eq!(stage.start_time_code(), -7.0);
+    assert_eq!(stage.default_prim().unwrap().as_str(), "World/Box");
+}
+
+#[test]
 fn uvs_avoid_a_name_that_a_texture_reads() {
     let shader = r#"
     def Material "Paint"

@@ -66,6 +66,14 @@ impl FineMesh {
         Self { own: points.len(), points, pieces, breaks: BTreeSet::new() }
     }
 
+    /// Triangles that there are at least, however many points go again: those along breaks stay. About, as a new point in the middle
+    /// of things adds two triangles, and one on the border one.
+    pub fn least_triangles(&self, given: usize) -> u64 {
+        let new = |p: &u32| *p as usize >= self.own;
+        let fixed: BTreeSet<u32> = self.breaks.iter().flatten().copied().filter(new).collect();
+        (given + 2 * fixed.len()) as u64
+    }
+
     /// Cuts edges in two, each at its middle, and all pieces that have one of them. Returns, for each piece there is now, the number of
     /// the piece that it was or is a part of; the order of triangles stays.
     pub fn bisect(&mut self, edges: &BTreeSet<Edge>) -> Vec<u32> {

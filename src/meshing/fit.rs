@@ -33,6 +33,9 @@ const STEPS: usize = 60;
 /// their diagonal (Wathen 1987).
 const RELAXATIONS: usize = 24;
 const RELAXATION: f64 = 0.7;
+/// Steps to the factor that holds a surface's light, at most, and the part of that light that may be missing.
+const FACTORS: usize = 8;
+const HELD: f64 = 1e-6;
 /// The residual at which conjugate gradients end, relative to the first.
 const RESIDUAL: f64 = 1e-5;
 
@@ -230,17 +233,43 @@ fn limits(low: Rgb, high: Rgb) -> (DVec3, DVec3) {
     ((low - margin).max(Rgb::ZERO).as_dvec3(), (high + margin).as_dvec3())
 }
 
-/// The best values within `limits`, by projected relaxation from `x`: values that may not go further leave their light to others.
+/// The best values within `limits`, by projected relaxation from `x`: values that may not go further leave their light to others,
+/// and what these don't take, all make up for in proportion, so that the surface keeps its light.
 fn within(blocks: &[Block], right: &[DVec3], mut x: Vec<DVec3>, limits: &[(DVec3, DVec3)]) -> Vec<DVec3> {
     let inverse = inverse_diagonal(blocks, x.len());
+    // The area that a value stands for: the Laplacian has no part in it.
+    let areas = apply(blocks, &vec![DVec3::ONE; x.len()]);
+    let light: DVec3 = right.iter().sum();
     for _ in 0..RELAXATIONS {
         let image = apply(blocks, &x);
         for (k, x) in x.iter_mut().enumerate() {
-            let step = (right[k] - image[k]) * (RELAXATION * inverse[k]);
-            *x = (*x + step).clamp(limits[k].0, limits[k].1);
+            *x += (right[k] - image[k]) * (RELAXATION * inverse[k]);
         }
+        hold(&mut x, limits, &areas, light);
     }
     x
+}
+
+/// Scales values by one factor a channel that makes them hold `light` within `limits`, where one does: by Newton's method, as what
+/// they hold is a piecewise linear, rising function of it.
+fn hold(x: &mut [DVec3], limits: &[(DVec3, DVec3)], areas: &[DVec3], light: DVec3) {
+    let mut factor = DVec3::ONE;
+    for _ in 0..FACTORS {
+        let (mut held, mut slope) = (DVec3::ZERO, DVec3::ZERO);
+        for ((x, (low, high)), area) in x.iter().zip(limits).zip(areas) {
+            let scaled = *x * factor;
+            let value = scaled.clamp(*low, *high);
+            held += *area * value;
+            slope += DVec3::select(value.cmpeq(scaled), *area * *x, DVec3::ZERO);
+        }
+        let miss = light - held;
+        let can_move = slope.cmpgt(DVec3::ZERO) & miss.abs().cmpgt(light.abs() * HELD);
+        if !can_move.any() {
+            break;
+        }
+        factor = DVec3::select(can_move, (factor + miss / slope).max(DVec3::ZERO), factor);
+    }
+    x.iter_mut().zip(limits).for_each(|(x, (low, high))| *x = (*x * factor).clamp(*low, *high));
 }
 
 /// The inverse of the diagonal of the normal equations; 0 where nothing is said.

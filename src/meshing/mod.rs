@@ -10,6 +10,7 @@
 mod coarsen;
 pub mod constrain;
 pub mod critical;
+mod doubt;
 pub mod fine;
 pub mod fit;
 mod page;
@@ -25,7 +26,7 @@ use crate::scene::BakeMode;
 use crate::trace::Tracer;
 use coarsen::coarsen;
 use constrain::{ConstrainParams, constrain};
-use critical::{CriticalLine, CriticalParams, critical_lines};
+use critical::{CriticalLine, CriticalParams, Order, critical_lines, soften};
 use fine::FineMesh;
 use fit::relative_error;
 use rayon::prelude::*;
@@ -146,20 +147,8 @@ pub fn vertex_light(
             }
         }
     } else {
-        let lines = if params.mode == MeshMode::Discontinuity { lines(source) } else { Vec::new() };
-        progress.check()?;
         given = receiving.iter().map(|s| source.scene.meshes[surfaces[*s].mesh].triangles.len() as u64).sum();
-        let start = |s: &usize| {
-            let mut fine = FineMesh::new(source.scene, *s);
-            let density = f64::from(source.atlas.surface_density(source.scene, *s));
-            let own = CriticalLine::of_surface(&lines, *s);
-            if density > 0.0 && !own.is_empty() {
-                constrain(&mut fine, own, &ConstrainParams::of_density(density));
-            }
-            Work::new(source, *s, fine)
-        };
-        let mut works: Vec<Work> = receiving.par_iter().map(start).collect();
-        follow(&mut works, source, params, progress)?;
+        let works = cut(&receiving, source, params, progress)?;
         works.iter().for_each(&mut finish);
     }
     let triangles = meshes.iter().map(|m| m.triangles.len() as u64).sum();
@@ -167,6 +156,45 @@ pub fn vertex_light(
     let error = 100.0 * params.error;
     let report = VertexReport { mode: params.mode, given_triangles: given, triangles, error, within, p95 };
     Ok((VertexLight { surfaces: meshes }, report))
+}
+
+/// The meshes of the surfaces `receiving`, cut along the light. Where jumps would take more triangles than there may be, those that
+/// show least become bends.
+fn cut(receiving: &[usize], source: &Source, params: &MeshParams, progress: &dyn Progress) -> Result<Vec<Work>> {
+    let mut lines = if params.mode == MeshMode::Discontinuity { lines(source) } else { Vec::new() };
+    let triangles = |s: usize| source.scene.meshes[source.scene.surfaces[s].mesh].triangles.len();
+    let given: u64 = receiving.iter().map(|s| triangles(*s) as u64).sum();
+    let room = params.max_triangles.map(|most| (most.saturating_sub(given) as f64 * ROOM_OF_JUMPS) as u64);
+    loop {
+        progress.check()?;
+        let jumps = lines.iter().filter(|line| line.order == Order::Jump).count();
+        let fine: Vec<FineMesh> = receiving.par_iter().map(|s| drawn(source, *s, &lines)).collect();
+        let least: u64 = receiving.iter().zip(&fine).map(|(s, fine)| fine.least_triangles(triangles(*s))).sum();
+        if jumps == 0 || room.is_none_or(|room| least - given <= room) {
+            let start = |(s, fine): (&usize, FineMesh)| Work::new(source, *s, fine);
+            let mut works: Vec<Work> = receiving.par_iter().zip(fine).map(start).collect();
+            follow(&mut works, source, params, progress)?;
+            let count: u64 = works.iter().map(|w| w.fine.pieces.len() as u64).sum();
+            if lines.is_empty() || params.max_triangles.is_none_or(|most| count <= most) {
+                return Ok(works);
+            }
+        }
+        match jumps {
+            0 => lines.clear(),
+            _ => soften(&mut lines, jumps / 2),
+        }
+    }
+}
+
+/// The mesh of surface `surface`, cut along its lines.
+fn drawn(source: &Source, surface: usize, lines: &[CriticalLine]) -> FineMesh {
+    let mut fine = FineMesh::new(source.scene, surface);
+    let density = f64::from(source.atlas.surface_density(source.scene, surface));
+    let own = CriticalLine::of_surface(lines, surface);
+    if density > 0.0 && !own.is_empty() {
+        constrain(&mut fine, own, &ConstrainParams::of_density(density));
+    }
+    fine
 }
 
 /// The critical lines of what is baked.
@@ -178,6 +206,8 @@ fn lines(source: &Source) -> Vec<CriticalLine> {
     critical_lines(scene, &Tracer::new(scene), &lights, &params)
 }
 
+/// The part of the triangles that may be added that jumps may take; the rest go where the light needs them.
+const ROOM_OF_JUMPS: f64 = 0.75;
 /// Turns of cutting and taking out.
 const TURNS: usize = 2;
 /// The part of the triangles allowed that a turn leaves, so that the next one has some to put where they are needed more.

@@ -6,6 +6,7 @@
 //! thin pieces along a shadow come about by themselves.
 
 use super::MeshParams;
+use super::doubt::doubt_beside_breaks;
 use super::fine::{Edge, FineMesh, Piece, edge};
 use super::fit::{Groups, fit, relative_error};
 use super::sample::{Sample, Samples, Source, Within};
@@ -63,11 +64,12 @@ impl Work {
             deal(of, &samples, pieces, &mut members[start..start + pieces.len()]);
             start += pieces.len();
         }
-        doubt_beside_breaks(&fine, &mut samples, &members);
         for (piece, members) in fine.pieces.iter().zip(&mut members).filter(|(_, members)| members.is_empty()) {
             members.push(samples.push(source, surface, piece));
         }
         let groups = Groups::new(&fine, mesh, source.lightmap.quantity == Quantity::Radiosity);
+        let texel = 1.0 / f64::from(source.atlas.surface_density(source.scene, surface));
+        doubt_beside_breaks(&fine, &groups, &mut samples, &members, texel);
         Self { surface, fine, samples, members, groups, values: Vec::new() }
     }
 
@@ -171,36 +173,6 @@ impl Work {
             }
         }
         best.map(|(_, k)| Request { edge: edge(p[k], p[(k + 1) % 3]), priority: beyond })
-    }
-}
-
-/// How far from a jump of the light a texel holds some of both sides, in distances between samples.
-const MIXED: f64 = 0.75;
-
-/// Marks the samples that hold light of both sides of a break.
-fn doubt_beside_breaks(fine: &FineMesh, samples: &mut Samples, members: &[Vec<u32>]) {
-    if fine.breaks.is_empty() {
-        return;
-    }
-    for (piece, members) in fine.pieces.iter().zip(members) {
-        let is_break = |k: &usize| fine.breaks.contains(&edge(piece.points[*k], piece.points[(k + 1) % 3]));
-        let broken: Vec<usize> = (0..3).filter(is_break).collect();
-        let Some(within) = Within::new(&piece.corners).filter(|_| !broken.is_empty()) else { continue };
-        let at = piece.points.map(|p| fine.points[p as usize]);
-        let twice = (at[1] - at[0]).cross(at[2] - at[0]).length();
-        let height = |sample: &Sample| {
-            let w = within.weights(sample.weights());
-            // The height above edge k is that of the corner opposite, times its weight.
-            let above = |k: &usize| w[(k + 2) % 3] * twice / at[*k].distance(at[(k + 1) % 3]).max(f64::MIN_POSITIVE);
-            broken.iter().map(above).fold(f64::INFINITY, f64::min)
-        };
-        // Of a strip as narrow as a texel, what lies in its middle has to do.
-        let middle = 0.6 * members.iter().map(|s| height(&samples.all[*s as usize])).fold(0.0, f64::max);
-        for s in members {
-            let sample = &samples.all[*s as usize];
-            let reach = (MIXED * f64::from(sample.area).sqrt()).min(middle);
-            samples.all[*s as usize].is_doubtful |= height(sample) < reach;
-        }
     }
 }
 

@@ -58,6 +58,9 @@ pub const LEAST_LEVEL: f32 = 0.05;
 /// Places of a triangle that holds the middles of few texels: each stands for a fourth of it.
 const FEW: [[f32; 2]; 4] = [[1.0 / 3.0; 2], [2.0 / 3.0, 1.0 / 6.0], [1.0 / 6.0, 2.0 / 3.0], [1.0 / 6.0; 2]];
 
+/// Weights nearer to 0 are those of a place on an edge: rounding must not deal it to both sides as a whole, or to none.
+const ON_EDGE: f64 = 1e-9;
+
 /// Samples of all triangles of a surface, one triangle after the other.
 #[derive(Clone, Debug, Default)]
 pub struct Samples {
@@ -94,15 +97,17 @@ impl Samples {
                 let texel = (y * page.width + x) as usize;
                 let place = [weights.x as f32, weights.y as f32];
                 let is_doubtful = page.coverage[texel] <= 0.0 || (source.is_buried)(number, texel);
-                self.all.push(Sample { place, value: page.rgb[texel], area: 0.0, is_doubtful });
+                // Of a texel whose middle lies on an edge, half is the triangle's: the diagonals of squares run along such texels.
+                let share = if weights.min_element() < ON_EDGE { 0.5 } else { 1.0 };
+                self.all.push(Sample { place, value: page.rgb[texel], area: share, is_doubtful });
             }
         });
         if self.all.len() - start < FEW.len() {
             self.all.truncate(start);
-            self.all.extend(FEW.map(|place| look_up(source, surface, triangle, place)));
+            self.all.extend(FEW.map(|place| Sample { area: 1.0, ..look_up(source, surface, triangle, place) }));
         }
-        let each = (area / (self.all.len() - start) as f64) as f32;
-        self.all[start..].iter_mut().for_each(|s| s.area = each);
+        let shares: f64 = self.all[start..].iter().map(|s| f64::from(s.area)).sum();
+        self.all[start..].iter_mut().for_each(|s| s.area = (area * f64::from(s.area) / shares) as f32);
     }
 
     /// Adds one in the middle of `piece`; returns its number.
@@ -153,7 +158,7 @@ fn look_up(source: &Source, surface: usize, triangle: usize, place: [f32; 2]) ->
     Sample { place, value, area: 0.0, is_doubtful: !tells(texel) }
 }
 
-/// Calls `found` with each texel whose middle lies in the triangle `corners` [texels], and the middle's weights.
+/// Calls `found` with each texel whose middle lies in the triangle `corners` [texels] or on its edges, and the middle's weights.
 fn each_middle(corners: [Vec2; 3], mut found: impl FnMut(u32, u32, DVec3)) {
     let [a, b, c] = corners.map(|p| p.as_dvec2());
     let twice = (b - a).perp_dot(c - a);
@@ -169,7 +174,7 @@ fn each_middle(corners: [Vec2; 3], mut found: impl FnMut(u32, u32, DVec3)) {
         for x in range(low.x, high.x) {
             let p = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             let weights = DVec3::new((b - p).perp_dot(c - p), (c - p).perp_dot(a - p), (a - p).perp_dot(b - p)) / twice;
-            if weights.min_element() >= 0.0 {
+            if weights.min_element() >= -ON_EDGE {
                 found(x, y, weights);
             }
         }

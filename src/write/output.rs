@@ -45,6 +45,11 @@ impl Staging {
         Ok(path)
     }
 
+    /// The files that were asked for, relative to the output folder.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(PathBuf::as_path)
+    }
+
     /// Lets `<folder>/<relative>`, which an earlier run left, go once all files are in place.
     pub fn remove(&mut self, relative: impl AsRef<Path>) {
         self.removed.push(relative.as_ref().to_path_buf());

@@ -22,7 +22,7 @@ mod mesh;
 mod network;
 mod polygon;
 mod primvar;
-mod read;
+pub(crate) mod read;
 pub mod resolver;
 mod role;
 mod shape;

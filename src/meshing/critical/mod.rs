@@ -26,6 +26,7 @@ mod wedge;
 use crate::light::Lights;
 use crate::scene::Scene;
 use crate::trace::Tracer;
+pub use chain::soften;
 use contact::contacts;
 use emitter::{emitters, mean_light};
 use glam::DVec3;
@@ -64,7 +65,7 @@ pub enum Order {
 /// What lines are looked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CriticalParams {
-    /// Shadows of edges shorter than this are left out, and lines shorter than a quarter of it [m]; more than 0.
+    /// Shadows of edges shorter than this are left out, and lines shorter than a fifth of it [m]; more than 0.
     pub length: f64,
     /// Penumbrae narrower than this are a jump along their middle [m].
     pub width: f64,
@@ -120,7 +121,7 @@ pub fn critical_lines(scene: &Scene, tracer: &Tracer, lights: &Lights, params: &
     let mut lines = contacts(&stage, mean);
     lines.extend(shadows(&stage, &emitters, params.contrast * mean));
     lines.extend(horizons(&stage, &emitters, params.contrast * mean));
-    chain::chain(lines, params)
+    chain::chain(lines, params, scene)
 }
 
 /// All that lines depend on.

@@ -53,6 +53,10 @@ pub enum Encoding {
 }
 
 impl Encoding {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Exr, Self::Hdr, Self::Rgbm, Self::RgbmSrgb, Self::Rgbd, Self::Ktx2Half, Self::Ktx2Bc6h];
+
     /// Its name in settings, extras and reports.
     pub fn name(self) -> &'static str {
         match self {

@@ -6,6 +6,7 @@
 use super::layer::{self, Layer};
 use crate::error::{Error, Result, Warnings};
 use crate::load::Source;
+use crate::load::usd::read::{to_float, to_text};
 use crate::write::Baked;
 use openusd::sdf::{self, AbstractData, AssetPath, Value};
 use openusd::usda::TextWriter;
@@ -52,6 +53,12 @@ pub fn copy(
     names.sort();
     values.extend(names.into_iter().map(|n| (n.clone(), field(&n))));
     for (name, value) in values {
+        if let Some(expected) = value.as_ref().and_then(|value| unlike(&name, value)) {
+            let message =
+                format!("is not {expected}; the layer is without it, as readers refuse it or read something else");
+            warnings.add(format!("{} ({name})", baked.source.path().display()), message);
+            continue;
+        }
         match value.and_then(|v| text(&v, &name, 1, warnings)) {
             Some(text) => layer.metadata.push((name, text)),
             None => warnings.add(name, NOT_WRITTEN),
@@ -59,6 +66,32 @@ pub fn copy(
     }
     layer.metadata.push(("subLayers".into(), format!("[{}]", layer::asset(sublayer)?)));
     Ok(())
+}
+
+/// What field `name` of a root layer has to be, where `value` isn't: usd-core opens no text file with such framesPerSecond.
+fn unlike(name: &str, value: &Value) -> Option<&'static str> {
+    let number = match value {
+        Value::Double(v) => Some(*v),
+        value => to_float(value.clone()).map(f64::from),
+    };
+    let number = number.filter(|v| v.is_finite());
+    let text = to_text(value.clone());
+    let (is_valid, expected) = match name {
+        "framesPerSecond" | "timeCodesPerSecond" | "metersPerUnit" | "kilogramsPerUnit" => {
+            (number.is_some_and(|v| v > 0.0), "a positive number")
+        }
+        "startTimeCode" | "endTimeCode" => (number.is_some(), "a finite number"),
+        "framePrecision" => (matches!(value, Value::Int(v) if *v >= 0), "an integer of 0 or more"),
+        "upAxis" => (text.is_some_and(|axis| axis == "Y" || axis == "Z"), "Y or Z"),
+        "defaultPrim" => (text.is_some_and(|prim| is_prim(&prim)), "the name or path of a prim"),
+        _ => return None,
+    };
+    (!is_valid).then_some(expected)
+}
+
+/// True for the name of a root prim, and for an absolute path of any prim.
+fn is_prim(text: &str) -> bool {
+    text.strip_prefix('/').unwrap_or(text).split('/').all(sdf::Path::is_valid_identifier)
 }
 
 const NOT_WRITTEN: &str = "is metadata of the input that could not be repeated in the layer";

@@ -43,8 +43,9 @@ pub fn place(
         let message = "has primvars over faces that the Mesh in its place doesn't have; they were left out";
         warnings.add(format!("{} ({})", prim.path(), lost.join(", ")), message);
     }
-    let is_skinned = prim.attribute("primvars:skel:jointIndices").has_authored_value().unwrap_or(false);
-    if is_skinned {
+    let has = |name: &str| prim.attribute(name).has_authored_value().unwrap_or(false);
+    let (is_skinned, is_morphed) = (has("primvars:skel:jointIndices"), has("skel:blendShapes"));
+    if is_skinned || is_morphed {
         warnings.add(prim.path(), "was refined in its pose: the Mesh in its place no longer moves with its skeleton");
     }
     let over = layer.prim(site);
@@ -53,7 +54,7 @@ pub fn place(
     // Of as many as the prim's own points.
     let of_points = [("vector3f[]", "velocities"), ("vector3f[]", "accelerations"), ("normal3f[]", "normals")];
     for (type_name, name) in of_points.into_iter().filter(|(_, name)| *name != "normals" || mesh.normals.is_empty()) {
-        if prim.attribute(name).has_authored_value().unwrap_or(false) {
+        if has(name) {
             over.set(Attribute::of_schema(type_name, name, "None".into()));
         }
     }
@@ -67,6 +68,10 @@ pub fn place(
     if is_skinned {
         over.set(Attribute::of_schema("int[]", "primvars:skel:jointIndices", "None".into()));
         over.set(Attribute::of_schema("float[]", "primvars:skel:jointWeights", "None".into()));
+    }
+    if is_morphed {
+        // Its blend shapes move points by number, and would move others.
+        over.set(Attribute::of_schema("uniform token[]", "skel:blendShapes", "None".into()));
     }
     for (name, triangles) in subsets {
         let indices = array(&triangles, number);
