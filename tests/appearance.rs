@@ -60,7 +60,8 @@ fn gltf_materials_are_read() {
     let all = extended(json!({
         "KHR_materials_ior": { "ior": 1.33 },
         "KHR_materials_transmission": { "transmissionFactor": 0.9 },
-        "KHR_materials_volume": { "thicknessFactor": 0.01, "attenuationDistance": 0.5, "attenuationColor": [0.5, 1, 0.25] },
+        "KHR_materials_volume": { "thicknessFactor": 0.01, "attenuationDistance": 0.5,
+            "attenuationColor": [0.5, 1, 0.25] },
         "KHR_materials_clearcoat": { "clearcoatFactor": 0.4, "clearcoatRoughnessFactor": 0.2 },
     }));
     let found = look("look_all", &all).unwrap();
@@ -84,7 +85,8 @@ fn gltf_materials_are_read() {
 
 #[test]
 fn specular_glossiness_is_read() {
-    let extension = json!({ "diffuseFactor": [0.5, 0.5, 0.5, 1], "specularFactor": [0.2, 0.3, 0.4], "glossinessFactor": 0.75,
+    let extension = json!({ "diffuseFactor": [0.5, 0.5, 0.5, 1], "specularFactor": [0.2, 0.3, 0.4],
+        "glossinessFactor": 0.75,
         "specularGlossinessTexture": { "index": 0 } });
     let loaded =
         load_gltf("look_gloss", &json!({ "extensions": { "KHR_materials_pbrSpecularGlossiness": extension } }))
@@ -99,7 +101,8 @@ fn specular_glossiness_is_read() {
 
 #[test]
 fn textures_of_numbers_are_linear() {
-    let material = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicRoughnessTexture": { "index": 0 } } });
+    let textures = json!({ "baseColorTexture": { "index": 0 }, "metallicRoughnessTexture": { "index": 0 } });
+    let material = json!({ "pbrMetallicRoughness": textures });
     let loaded = load_gltf("look_textures", &material).unwrap();
     let found = loaded.scene.materials[0].appearance.as_ref().unwrap();
     let (rough, metal) = (found.roughness_texture.as_ref().unwrap(), found.metallic_texture.as_ref().unwrap());
@@ -133,7 +136,10 @@ fn lobes_are_read_or_refused() {
 
 #[test]
 fn diffuse_materials_are_matte() {
-    let rough = |metallic: f32, extensions: Value| json!({ "pbrMetallicRoughness": { "metallicFactor": metallic, "roughnessFactor": 1 }, "extensions": extensions });
+    let rough = |metallic: f32, extensions: Value| {
+        let pbr = json!({ "metallicFactor": metallic, "roughnessFactor": 1 });
+        json!({ "pbrMetallicRoughness": pbr, "extensions": extensions })
+    };
     let none = json!({});
     assert!(look("matte_rough", &rough(0.0, none.clone())).is_none());
     assert!(look("matte_unlit", &rough(1.0, json!({ "KHR_materials_unlit": {} }))).is_none());
@@ -207,13 +213,16 @@ fn values_out_of_range_are_bounded() {
 fn usd(name: &str, shader: &str, extra: &str) -> (Option<Appearance>, Loaded) {
     let folder = Folder::new(name);
     let text = format!(
-        "{METRES}def Mesh \"square\" (apiSchemas = [\"MaterialBindingAPI\"]) {{ {SQUARE}\n rel material:binding = </look>\n \
+        "{METRES}def Mesh \"square\" (apiSchemas = [\"MaterialBindingAPI\"]) {{ {SQUARE}\n \
+         rel material:binding = </look>\n \
          texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = \"vertex\") }}\n\
          def Material \"look\" {{ {extra}\n token outputs:surface.connect = </look/shader.outputs:surface>\n\
          def Shader \"shader\" {{ {shader}\n token outputs:surface }}\n\
-         def Shader \"uv\" {{ uniform token info:id = \"UsdPrimvarReader_float2\"\n string inputs:varname = \"st\"\n float2 outputs:result }}\n\
+         def Shader \"uv\" {{ uniform token info:id = \"UsdPrimvarReader_float2\"\n\
+         string inputs:varname = \"st\"\n float2 outputs:result }}\n\
          def Shader \"picture\" {{ uniform token info:id = \"UsdUVTexture\"\n asset inputs:file = @picture.png@\n\
-         token inputs:sourceColorSpace = \"raw\"\n float2 inputs:st.connect = </look/uv.outputs:result>\n float outputs:g }} }}\n"
+         token inputs:sourceColorSpace = \"raw\"\n\
+         float2 inputs:st.connect = </look/uv.outputs:result>\n float outputs:g }} }}\n"
     );
     folder.write("picture.png", &png());
     let loaded = full(&folder.write("scene.usda", text)).unwrap();
@@ -228,7 +237,8 @@ fn usd_surfaces_are_read() {
     assert_eq!((found.base_color, found.roughness, found.metallic), (Rgb::new(0.5, 0.25, 1.0), 0.5, 0.0));
     assert_eq!((found.dielectric.ior, found.clearcoat), (1.5, 0.0));
 
-    let all = "float inputs:metallic = 0.5\n float inputs:roughness.connect = </look/picture.outputs:g>\n float inputs:ior = 1.7\n\
+    let all = "float inputs:metallic = 0.5\n float inputs:roughness.connect = </look/picture.outputs:g>\n\
+               float inputs:ior = 1.7\n\
                float inputs:clearcoat = 0.3\n float inputs:clearcoatRoughness = 0.1";
     let (found, loaded) = usd("usd_all", &format!("{preview}{all}"), "");
     let found = found.unwrap();
@@ -237,14 +247,16 @@ fn usd_surfaces_are_read() {
     let rough = found.roughness_texture.as_ref().unwrap();
     assert_eq!((rough.channel, loaded.scene.textures.len()), (Channel::G, 1));
 
-    let workflow = "int inputs:useSpecularWorkflow = 1\n color3f inputs:specularColor = (0.2, 0.3, 0.4)\n float inputs:metallic = 1";
+    let workflow = "int inputs:useSpecularWorkflow = 1\n color3f inputs:specularColor = (0.2, 0.3, 0.4)\n\
+                    float inputs:metallic = 1";
     let (found, _) = usd("usd_workflow", &format!("{preview}{workflow}"), "");
     let found = found.unwrap();
     assert_eq!((found.metallic, found.dielectric.ior, found.dielectric.color), (0.0, 0.0, Rgb::new(0.2, 0.3, 0.4)));
 
     let (found, _) = usd("usd_matte", &format!("{preview} float inputs:roughness = 1"), "");
     assert!(found.is_none());
-    let glass = "uniform token info:id = \"ND_gltf_pbr_surfaceshader\"\n float inputs:metallic = 0\n float inputs:roughness = 0\n\
+    let glass = "uniform token info:id = \"ND_gltf_pbr_surfaceshader\"\n float inputs:metallic = 0\n\
+                 float inputs:roughness = 0\n\
                  float inputs:transmission = 1\n float inputs:thickness = 1\n float inputs:attenuation_distance = 2\n\
                  color3f inputs:attenuation_color = (0.5, 1, 1)";
     let (found, _) = usd("usd_glass", glass, "");
@@ -269,7 +281,8 @@ fn usd_lobes_are_read_or_ignored() {
 
 #[test]
 fn usd_values_out_of_range_are_bounded() {
-    let hostile = "uniform token info:id = \"UsdPreviewSurface\"\n float inputs:roughness = -5\n float inputs:metallic = nan\n\
+    let hostile = "uniform token info:id = \"UsdPreviewSurface\"\n float inputs:roughness = -5\n\
+                   float inputs:metallic = nan\n\
                    float inputs:ior = inf\n float inputs:clearcoat = 1e30";
     let (found, loaded) = usd("usd_hostile", hostile, "");
     let found = found.unwrap();

@@ -65,6 +65,19 @@ fn a_white_diffuse_base_keeps_the_rest() {
 }
 
 #[test]
+fn coats_over_metals_lose_little() {
+    for roughness in finishes::ROUGHNESSES {
+        for coat_roughness in [0.0, 0.3, 0.8] {
+            let look = Appearance { clearcoat: 1.0, ..finishes::coated(coat_roughness, metal(Rgb::ONE, roughness)) };
+            let finish = Finish::new("coated metal", false, look);
+            let sent = COSINES.map(|cos| sent(&finish.bsdf(), direction(cos, 0.0), 1 << 12).x);
+            let at = format!("roughness {roughness} under {coat_roughness}: {sent:?}");
+            assert!(sent.iter().all(|&share| (0.95..1.001).contains(&share)), "{at}");
+        }
+    }
+}
+
+#[test]
 fn scattering_is_reciprocal() {
     for finish in all() {
         let bsdf = finish.bsdf();
