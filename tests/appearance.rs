@@ -1,10 +1,7 @@
 //! Full materials as glTF and USD say them: each extension and input, what is matte, and values out of range.
 
-#[allow(dead_code)]
 mod files;
-#[allow(dead_code)]
 mod gltf_document;
-#[allow(dead_code)]
 mod usd_stage;
 
 use files::Folder;
@@ -35,7 +32,7 @@ fn gltf(material: &Value) -> Vec<u8> {
 
 fn load_gltf(name: &str, material: &Value) -> lumel::Result<Loaded> {
     let folder = Folder::new(name);
-    full(&folder.write("test.gltf", &gltf(material)))
+    full(&folder.write("test.gltf", gltf(material)))
 }
 
 fn look(name: &str, material: &Value) -> Option<Appearance> {
@@ -113,7 +110,7 @@ fn textures_of_numbers_are_linear() {
     assert!((green(found.base_color_texture.as_ref().unwrap().texture) - 0.215_86).abs() < 1e-4);
     // Without the option no picture is decoded for it, and materials are as they were.
     let folder = Folder::new("look_textures_off");
-    let plain = load(&folder.write("test.gltf", &gltf(&material))).unwrap();
+    let plain = load(&folder.write("test.gltf", gltf(&material))).unwrap();
     assert!(plain.scene.materials[0].appearance.is_none());
     assert_eq!((plain.scene.textures.len(), loaded.scene.textures.len()), (1, 2));
     assert_eq!(plain.scene.materials[0].albedo, loaded.scene.materials[0].albedo);
@@ -224,7 +221,7 @@ fn usd(name: &str, shader: &str, extra: &str) -> (Option<Appearance>, Loaded) {
          token inputs:sourceColorSpace = \"raw\"\n\
          float2 inputs:st.connect = </look/uv.outputs:result>\n float outputs:g }} }}\n"
     );
-    folder.write("picture.png", &png());
+    folder.write("picture.png", png());
     let loaded = full(&folder.write("scene.usda", text)).unwrap();
     (loaded.scene.materials[0].appearance.clone(), loaded)
 }

@@ -140,7 +140,7 @@ impl<'a> Layered<'a> {
     /// Mean of the coat's and the mirror's reflection together, by Gauss and Legendre's five points in the squared
     /// cosine on two halves.
     fn mean_coated(&self) -> Rgb {
-        const POINTS: [f32; 5] = [0.046_910_077, 0.230_765_34, 0.5, 0.769_234_66, 0.953_089_92];
+        const POINTS: [f32; 5] = [0.046_910_077, 0.230_765_34, 0.5, 0.769_234_66, 0.953_089_9];
         const WEIGHTS: [f32; 5] = [0.118_463_44, 0.239_314_34, 0.284_444_45, 0.239_314_34, 0.118_463_44];
         let mut sum = Rgb::ZERO;
         // Graded towards grazing angles, where reflection changes: the squared cosine is a fourth power of what is

@@ -131,7 +131,7 @@ fn lobes(prim: &Prim, w: &mut Reading) -> Option<Lobes> {
     }
     let place = format!("{}.{NAME}", prim.path());
     let numbers = read::value(prim, NAME, w).and_then(read::to_floats).unwrap_or_default();
-    if numbers.len() < 3 || (numbers.len() - 3) % 12 != 0 {
+    if numbers.len() < 3 || !(numbers.len() - 3).is_multiple_of(12) {
         w.add(place, "must hold 3 numbers, and 12 for each lobe; it was ignored");
         return None;
     }
