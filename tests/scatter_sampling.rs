@@ -7,12 +7,12 @@ use glam::Vec3;
 use lumel::sample::Sequence;
 use lumel::sample::sequence::Stage;
 use lumel::scatter::{Bsdf, Transport};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// Cells by height (z from -1 to 1) and by azimuth.
 const HEIGHTS: usize = 32;
 const AZIMUTHS: usize = 24;
-const DRAWN: u32 = 40_000;
+const DRAWN: u32 = 20_000;
 
 /// Independent numbers: a sequence's stratification would make the statistic too small.
 fn numbers(seed: u32, k: u32) -> [f32; 3] {
@@ -111,14 +111,9 @@ fn directions_follow_their_density() {
             }
         }
     }
-    // One in a hundred thousand for all tests together, for each of them alone (Sidak).
-    let limit = 4.6 + (tests.len() as f64).ln() / 6.0;
+    // Beyond 5.5 spreads lies one in 5e7: one in 1e5 for all 300 tests together (Bonferroni).
+    let limit = 5.5;
     tests.sort_by(|a, b| b.0.total_cmp(&a.0));
-    println!("{} tests, worst {:?}", tests.len(), &tests[..5]);
-    for (deviation, at) in &tests {
-        if *deviation > limit {
-            println!("BADCHI {at}: {deviation:.1} spreads, at most {limit:.1}");
-        }
-    }
-    let _ = PI;
+    let (worst, at) = &tests[0];
+    assert!(*worst < limit, "{at}: {worst:.1} spreads, at most {limit:.1} over {} tests", tests.len());
 }

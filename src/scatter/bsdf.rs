@@ -1,4 +1,5 @@
-//! The scattering of light at a point of a surface (BSDF), in a frame whose +Z is the shading normal on the material's front.
+//! The scattering of light at a point of a surface (BSDF), in a frame whose +Z is the shading normal on the material's
+//! front.
 
 use super::lafortune::Measured;
 use super::layered::{Clear, Layered, SINGLES};
@@ -38,7 +39,8 @@ pub(super) enum Back {
 }
 
 impl<'a> Bsdf<'a> {
-    /// The BSDF [1/sr], without the cosine and without lobes that send light in one direction only; black where light doesn't go.
+    /// The BSDF [1/sr], without the cosine and without lobes that send light in one direction only; black where light
+    /// doesn't go.
     pub fn evaluate(&self, wo: Vec3, wi: Vec3, mode: Transport) -> Rgb {
         let Some((lobes, o, i)) = self.turned(wo, wi) else { return Rgb::ZERO };
         let f = match &lobes {
@@ -51,7 +53,8 @@ impl<'a> Bsdf<'a> {
         f * self.share
     }
 
-    /// Density [1/sr] with which [`sample`](Self::sample) draws `wi`, but for lobes that send light in one direction only. It is the same for both modes.
+    /// Density [1/sr] with which [`sample`](Self::sample) draws `wi`, but for lobes that send light in one direction
+    /// only. It is the same for both modes.
     pub fn pdf(&self, wo: Vec3, wi: Vec3, _: Transport) -> f32 {
         let Some((lobes, o, i)) = self.turned(wo, wi) else { return 0.0 };
         match &lobes {
@@ -102,7 +105,8 @@ impl<'a> Bsdf<'a> {
         albedo * self.share
     }
 
-    /// Share of the power from `wo` that is sent on by all lobes, from tables: within a few per cent, for Russian roulette.
+    /// Share of the power from `wo` that is sent on by all lobes, from tables: within a few per cent, for Russian
+    /// roulette.
     pub fn albedo(&self, wo: Vec3) -> Rgb {
         let Some((lobes, o, _)) = self.turned(wo, wo) else { return Rgb::ZERO };
         let albedo = match &lobes {

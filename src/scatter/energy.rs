@@ -1,9 +1,10 @@
-//! How much of the light that meets rough microfacets leaves after one bounce: tables by cosine and roughness, from which what is
-//! lost is given back (Kulla, Conty 2017, "Revisiting Physically Based Shading at Imageworks").
+//! How much of the light that meets rough microfacets leaves after one bounce: tables by cosine and roughness, from
+//! which what is lost is given back (Kulla, Conty 2017, "Revisiting Physically Based Shading at Imageworks").
 //!
-//! Single scattering loses what a facet sends to another: up to 60 % at roughness 1. With E the share that leaves, the lobe
-//! `(1 - E(o)) (1 - E(i)) / (pi (1 - mean E))` is reciprocal and adds up to what is missing; so is a diffuse one below a coat that
-//! reflects E. Means are over the hemisphere, weighed by the cosine. All tables are found by quadrature over visible normals.
+//! Single scattering loses what a facet sends to another: up to 60 % at roughness 1. With E the share that leaves, the
+//! lobe `(1 - E(o)) (1 - E(i)) / (pi (1 - mean E))` is reciprocal and adds up to what is missing; so is a diffuse one
+//! below a coat that reflects E. Means are over the hemisphere, weighed by the cosine. All tables are found by
+//! quadrature over visible normals.
 
 use super::fresnel::{self, Rise};
 use super::ggx::{Ggx, mirrored, refracted};
@@ -90,8 +91,8 @@ fn cell(roughness: f32, count: usize) -> (usize, f32) {
     (row, y - row as f32)
 }
 
-/// Place of a cosine in a table, 0..=1: half of it for cosines about as large as the slope of facets, where shadowing changes, and half
-/// for angles, by which Fresnel's reflection does.
+/// Place of a cosine in a table, 0..=1: half of it for cosines about as large as the slope of facets, where shadowing
+/// changes, and half for angles, by which Fresnel's reflection does.
 fn place(cos: f32, alpha: f32) -> f32 {
     let cos = cos.clamp(0.0, 1.0);
     0.5 * (cos * (1.0 + alpha) / (cos + alpha) + cos.sqrt())
@@ -192,8 +193,8 @@ impl Interface {
 
     /// Of what each side loses, the share that passes to the other side.
     ///
-    /// Reciprocity up to the square of the index asks that share times mean loss, outside, be ior^2 times the same inside. One factor is
-    /// left; it makes the geometric mean of both shares that of what passes of diffuse light.
+    /// Reciprocity up to the square of the index asks that share times mean loss, outside, be ior^2 times the same
+    /// inside. One factor is left; it makes the geometric mean of both shares that of what passes of diffuse light.
     pub fn crossing(&self, ior: f32, roughness: f32) -> [f32; 2] {
         let lost = [self.sides[0].mean_lost(roughness), ior * ior * self.sides[1].mean_lost(roughness)];
         if lost[0] <= 0.0 || lost[1] <= 0.0 {

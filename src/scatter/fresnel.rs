@@ -1,7 +1,8 @@
-//! Reflectance of smooth interfaces: Fresnel's equations for unpolarised light between dielectrics, and Schlick's curve.
+//! Reflectance of smooth interfaces: Fresnel's equations for unpolarised light between dielectrics, and Schlick's
+//! curve.
 
-/// Share that an interface between dielectrics reflects, 0..=1. `cos`: of the angle to the normal on the side that light comes from,
-/// 0..=1; `eta`: index of refraction beyond over that on this side. 1 beyond the critical angle.
+/// Share that an interface between dielectrics reflects, 0..=1. `cos`: of the angle to the normal on the side that
+/// light comes from, 0..=1; `eta`: index of refraction beyond over that on this side. 1 beyond the critical angle.
 pub fn dielectric(cos: f32, eta: f32) -> f32 {
     if eta == 1.0 {
         return 0.0;

@@ -1,6 +1,6 @@
-//! Rough interfaces of isotropic GGX microfacets (Walter, Marschner, Li, Torrance 2007, "Microfacet Models for Refraction through Rough
-//! Surfaces"), with Smith's height-correlated shadowing (Heitz 2014) and normals drawn as they are seen (Heitz 2018, in the form
-//! of Dupuy, Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps").
+//! Rough interfaces of isotropic GGX microfacets (Walter, Marschner, Li, Torrance 2007, "Microfacet Models for
+//! Refraction through Rough Surfaces"), with Smith's height-correlated shadowing (Heitz 2014) and normals drawn as they
+//! are seen (Heitz 2018, in the form of Dupuy, Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps").
 //!
 //! Directions are unit, away from the surface, in a frame whose +Z is the normal; the direction `o` is above.
 
@@ -68,22 +68,25 @@ impl Ggx {
         self.masking(o) * self.density(h) / (4.0 * o.z).max(f32::MIN_POSITIVE)
     }
 
-    /// The refraction by facets that let everything through, as a BSDF that keeps power (Walter 2007, equation 21), and the cosine to the facet
-    /// on o's side. `i` below, `eta`: index below over index above. `None` where no facet takes one to the other.
+    /// The refraction by facets that let everything through, as a BSDF that keeps power (Walter 2007, equation 21), and
+    /// the cosine to the facet on o's side. `i` below, `eta`: index below over index above. `None` where no facet takes
+    /// one to the other.
     pub fn refract(self, o: Vec3, i: Vec3, eta: f32) -> Option<(f32, f32)> {
         let (h, [ho, _], jacobian) = half(o, i, eta)?;
         let f = self.density(h) * self.shadowing(o, i) * ho * jacobian / (o.z * -i.z).max(f32::MIN_POSITIVE);
         Some((f, ho))
     }
 
-    /// Density [1/sr] of directions refracted by facets from [`sample`](Self::sample), and the cosine to the facet on o's side.
+    /// Density [1/sr] of directions refracted by facets from [`sample`](Self::sample), and the cosine to the facet on
+    /// o's side.
     pub fn refract_pdf(self, o: Vec3, i: Vec3, eta: f32) -> Option<(f32, f32)> {
         let (h, [ho, _], jacobian) = half(o, i, eta)?;
         Some((self.visible(o, h) * jacobian, ho))
     }
 
-    /// A direction above for light that has bounced between facets: what single scattering loses falls as (alpha / cos)^2 from cosines of
-    /// alpha on, so cosines are drawn in proportion to 1 / (cos + alpha), and by Lambert's law as far as facets are rough.
+    /// A direction above for light that has bounced between facets: what single scattering loses falls as (alpha /
+    /// cos)^2 from cosines of alpha on, so cosines are drawn in proportion to 1 / (cos + alpha), and by Lambert's law
+    /// as far as facets are rough.
     pub fn bounced(self, u: [f32; 2]) -> Vec3 {
         let a = self.alpha;
         if u[0] < a {
@@ -103,7 +106,8 @@ impl Ggx {
     }
 }
 
-/// The normal of facets that refract `o` to `i`, its cosines to both, and the density of directions i over that of normals.
+/// The normal of facets that refract `o` to `i`, its cosines to both, and the density of directions i over that of
+/// normals.
 fn half(o: Vec3, i: Vec3, eta: f32) -> Option<(Vec3, [f32; 2], f32)> {
     let h = (o + i * eta).try_normalize()?;
     let h = if h.z < 0.0 { -h } else { h };
@@ -120,7 +124,8 @@ pub fn mirrored(o: Vec3, h: Vec3) -> Vec3 {
     2.0 * o.dot(h) * h - o
 }
 
-/// `o` refracted at a facet of normal `h` on its side; `eta`: index beyond over this side's. `None` where all is reflected.
+/// `o` refracted at a facet of normal `h` on its side; `eta`: index beyond over this side's. `None` where all is
+/// reflected.
 pub fn refracted(o: Vec3, h: Vec3, eta: f32) -> Option<Vec3> {
     let cos = o.dot(h);
     let sin2_t = (1.0 - cos * cos).max(0.0) / (eta * eta);

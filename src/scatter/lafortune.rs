@@ -14,7 +14,8 @@ pub struct Measured {
     lobes: Vec<Lobe>,
     /// Factor that keeps the albedo at most 1 from every direction.
     scale: f32,
-    /// Albedo of the lobes without the diffuse part, by cosine, at [`STEPS`] + 1 places: the largest over azimuths, each channel apart.
+    /// Albedo of the lobes without the diffuse part, by cosine, at [`STEPS`] + 1 places: the largest over azimuths,
+    /// each channel apart.
     albedo: Vec<Rgb>,
 }
 

@@ -1,5 +1,5 @@
-//! The layered surface of glTF and UsdPreviewSurface: a clear coat over a mixture of a metal, an opaque dielectric (a mirror over
-//! something diffuse) and a clear one, which is thin or bounds a solid.
+//! The layered surface of glTF and UsdPreviewSurface: a clear coat over a mixture of a metal, an opaque dielectric (a
+//! mirror over something diffuse) and a clear one, which is thin or bounds a solid.
 //!
 //! Seen from outside, with m metallic, t transmission and b the base colour:
 //!
@@ -7,12 +7,14 @@
 //! f = coat + below * (m metal + (1 - m) ((1 - t) opaque + t clear))
 //! metal  = GGX with F = b + (1 - b) (1 - cos)^5
 //! opaque = GGX with F of `Dielectric` + b (1 - E(o)) (1 - E(i)) / (pi (1 - mean E)), E what mirrors above reflect
-//! clear  = GGX with Fresnel's F, and b (1 - F) refracted, or straight on through a thin sheet (both faces: F' = 2 F / (1 + F))
+//! clear  = GGX with Fresnel's F, and b (1 - F) refracted, or straight on through a thin sheet, whose F is that of
+//!          both faces, 2 F / (1 + F)
 //! ```
 //!
-//! All facets have one roughness, so one mirror lobe has the sum of all F. What metal and clear facets lose to a second bounce comes
-//! back as in [`super::energy`]. The coat takes `1 - max(E_c(o), E_c(i))` of what is below: reciprocal, never more than what the coat
-//! leaves, and exact for mirrors and for what is diffuse; rough metals lose a few per cent of themselves below it.
+//! All facets have one roughness, so one mirror lobe has the sum of all F. What metal and clear facets lose to a second
+//! bounce comes back as in [`super::energy`]. The coat takes `1 - max(E_c(o), E_c(i))` of what is below: reciprocal,
+//! never more than what the coat leaves, and exact for mirrors and for what is diffuse; rough metals lose up to 5 % of
+//! themselves below it.
 //!
 //! Directions are in a frame where `o` is above; [`Layered::inside`] tells on which side of a solid that is.
 
@@ -76,10 +78,22 @@ pub struct Layered<'a> {
     pub specular: f32,
     pub coat: f32,
     pub coat_roughness: f32,
-    /// Mean of what mirrors above the diffuse part reflect.
-    pub mean_above: Rgb,
+    /// Found by [`Layered::new`].
+    pub means: Means,
     /// The side that `o` is on is a solid's inside.
     pub inside: bool,
+}
+
+/// What holds for all directions.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Means {
+    /// Mean of what mirrors above the diffuse part reflect.
+    above: Rgb,
+    /// Mean of what facets lose that reflect everything.
+    lost: f32,
+    /// Mean of what a solid's facets lose, and the share of it that crosses to the other side: from outside, from inside.
+    lost_clear: [f32; 2],
+    crossing: [f32; 2],
 }
 
 /// Strategies of sampling.
@@ -109,20 +123,31 @@ struct Sight {
 }
 
 impl<'a> Layered<'a> {
-    /// Finishes a surface: the mean of what mirrors above its diffuse part reflect.
-    pub fn new(surface: Self) -> Self {
-        let bare = surface.specular
-            * (surface.f0 * surface.mean_whole() + (Rgb::ONE - surface.f0) * surface.energy.rise.mean(surface.rough()));
-        let mean_above = if surface.coat > 0.0 && surface.opaque > 0.0 { surface.mean_coated() } else { bare };
-        Self { mean_above, ..surface }
+    /// Finishes a surface: its means.
+    pub fn new(mut surface: Self) -> Self {
+        let rough = surface.rough();
+        surface.means.lost = if surface.is_smooth() { 0.0 } else { 1.0 - surface.energy.whole.mean(rough) };
+        if surface.opaque > 0.0 && surface.coat > 0.0 {
+            surface.means.above = surface.mean_coated();
+        } else if surface.opaque > 0.0 {
+            let (whole, rise) = (1.0 - surface.means.lost, surface.energy.rise.mean(rough));
+            surface.means.above = surface.specular * (surface.f0 * whole + (Rgb::ONE - surface.f0) * rise);
+        }
+        if let Some(interface) = surface.energy.interface.filter(|_| surface.clear > 0.0 && !surface.is_smooth()) {
+            surface.means.lost_clear = [0, 1].map(|k| interface.sides[k].mean_lost(rough));
+            surface.means.crossing = interface.crossing(surface.ior, rough);
+        }
+        surface
     }
 
-    /// Mean of the coat's and the mirror's reflection together, by Gauss and Legendre's five points in the squared cosine on two halves.
+    /// Mean of the coat's and the mirror's reflection together, by Gauss and Legendre's five points in the squared
+    /// cosine on two halves.
     fn mean_coated(&self) -> Rgb {
-        const POINTS: [f32; 5] = [0.046_910_077, 0.230_765_34, 0.5, 0.769_234_66, 0.953_089_92];
+        const POINTS: [f32; 5] = [0.046_910_077, 0.230_765_34, 0.5, 0.769_234_66, 0.953_089_9];
         const WEIGHTS: [f32; 5] = [0.118_463_44, 0.239_314_34, 0.284_444_45, 0.239_314_34, 0.118_463_44];
         let mut sum = Rgb::ZERO;
-        // Graded towards grazing angles, where reflection changes: the squared cosine is a fourth power of what is spaced evenly.
+        // Graded towards grazing angles, where reflection changes: the squared cosine is a fourth power of what is
+        // spaced evenly.
         for (x, w) in POINTS.into_iter().zip(WEIGHTS) {
             for half in [0.0, 0.5] {
                 let s = half + 0.5 * x;
@@ -157,10 +182,6 @@ impl<'a> Layered<'a> {
     /// The clear part sends light on in one direction only.
     fn is_clear_smooth(&self) -> bool {
         self.is_smooth() || self.kind == Clear::Solid && self.energy.interface.is_none()
-    }
-
-    fn mean_whole(&self) -> f32 {
-        if self.is_smooth() { 1.0 } else { self.energy.whole.mean(self.roughness) }
     }
 
     /// Index beyond the surface over that on the side that `o` is on.
@@ -244,26 +265,19 @@ impl<'a> Layered<'a> {
         both_faces(fresnel::dielectric(0.5, self.ior))
     }
 
-    /// Of what a solid's facets lose, what crosses to the other side.
-    fn crossing(&self, inside: bool) -> f32 {
-        let interface = self.energy.interface.filter(|_| !self.is_clear_smooth());
-        interface.map_or(0.0, |i| i.crossing(self.ior, self.roughness)[usize::from(inside)])
-    }
-
     /// What metal facets send on of light that bounces between them (Kulla, Conty 2017).
     fn metal_again(&self) -> Rgb {
-        let mean = self.mean_whole();
+        let lost = self.means.lost;
         let fresnel = self.base + (Rgb::ONE - self.base) * MEAN_SCHLICK;
-        fresnel * fresnel * mean / (Rgb::ONE - fresnel * (1.0 - mean))
+        fresnel * fresnel * (1.0 - lost) / (Rgb::ONE - fresnel * lost)
     }
 
     /// The lobe of what facets that lose nothing send back after several bounces.
     fn again(&self, o: &Sight, i: &Sight) -> f32 {
-        let mean_lost = 1.0 - self.mean_whole();
-        if mean_lost <= 0.0 {
+        if self.means.lost <= 0.0 {
             return 0.0;
         }
-        (1.0 - o.whole).max(0.0) * (1.0 - i.whole).max(0.0) * FRAC_1_PI / mean_lost
+        (1.0 - o.whole).max(0.0) * (1.0 - i.whole).max(0.0) * FRAC_1_PI / self.means.lost
     }
 
     /// The part of the BSDF that is spread over the hemisphere of `o`: diffuse, and bounced between facets.
@@ -283,32 +297,31 @@ impl<'a> Layered<'a> {
     }
 
     fn diffuse(&self, o: &Sight, i: &Sight) -> Rgb {
-        let rest = (Rgb::ONE - self.mean_above).max(Rgb::splat(1e-6));
+        let rest = (Rgb::ONE - self.means.above).max(Rgb::splat(1e-6));
         self.albedo * (Rgb::ONE - o.above) * (Rgb::ONE - i.above) * FRAC_1_PI / rest
     }
 
     /// The lobe of light between clear facets that ends on the side it came from, per unit of the clear part.
     fn clear_again(&self, o: &Sight, i: &Sight) -> f32 {
-        match (self.kind, self.energy.interface) {
-            (Clear::Thin, _) => self.thin_back() * self.again(o, i),
-            (Clear::Solid, Some(interface)) => {
-                let mean = interface.sides[usize::from(o.inside)].mean_lost(self.roughness);
-                let stays = 1.0 - self.crossing(o.inside);
-                if mean > 0.0 { stays * o.lost * i.lost * FRAC_1_PI / mean } else { 0.0 }
+        match self.kind {
+            Clear::Thin => self.thin_back() * self.again(o, i),
+            Clear::Solid => {
+                let side = usize::from(o.inside);
+                let mean = self.means.lost_clear[side];
+                if mean > 0.0 { (1.0 - self.means.crossing[side]) * o.lost * i.lost * FRAC_1_PI / mean } else { 0.0 }
             }
-            (Clear::Solid, None) => 0.0,
         }
     }
 
     /// The lobe of light between clear facets that ends on the other side.
     fn cross(&self, o: &Sight, i: &Sight) -> f32 {
-        match (self.kind, self.energy.interface) {
-            (Clear::Thin, _) => (1.0 - self.thin_back()) * self.again(o, i),
-            (Clear::Solid, Some(interface)) => {
-                let mean = interface.sides[usize::from(i.inside)].mean_lost(self.roughness);
-                if mean > 0.0 { self.crossing(o.inside) * o.lost * i.lost * FRAC_1_PI / mean } else { 0.0 }
+        match self.kind {
+            Clear::Thin => (1.0 - self.thin_back()) * self.again(o, i),
+            Clear::Solid => {
+                let mean = self.means.lost_clear[usize::from(i.inside)];
+                let crossing = self.means.crossing[usize::from(o.inside)];
+                if mean > 0.0 { crossing * o.lost * i.lost * FRAC_1_PI / mean } else { 0.0 }
             }
-            (Clear::Solid, None) => 0.0,
         }
     }
 
@@ -401,7 +414,7 @@ impl<'a> Layered<'a> {
             _ if self.is_clear_smooth() => (fresnel, 1.0 - fresnel, 0.0, 0.0),
             Some(interface) if self.kind == Clear::Solid => {
                 let side = &interface.sides[usize::from(o.inside)];
-                let crossing = self.crossing(o.inside);
+                let crossing = self.means.crossing[usize::from(o.inside)];
                 let (back, on) = (side.reflected.at(o.cos, self.roughness), side.transmitted.at(o.cos, self.roughness));
                 (back, on, (1.0 - crossing) * o.lost, crossing * o.lost)
             }

@@ -1,12 +1,12 @@
 //! How surfaces scatter light: the BSDF at any point of a scene, for methods that follow rays.
 //!
-//! [`Scattering`] is prepared once a scene; [`Scattering::at`] looks a material up at a point and gives its [`Bsdf`], which evaluates, samples
-//! and tells densities. Matte materials are Lambert's, with the albedo that radiosity uses; others are as `layered` and, where they were
-//! measured, `lafortune` describe them.
+//! [`Scattering`] is prepared once a scene; [`Scattering::at`] looks a material up at a point and gives its [`Bsdf`],
+//! which evaluates, samples and tells densities. Matte materials are Lambert's, with the albedo that radiosity uses;
+//! others are as `layered` and, where they were measured, `lafortune` describe them.
 //!
-//! Light that passes surfaces goes three ways. Cut-outs, blended surfaces and *panes*, thin and smooth, are sheets: rays pass them
-//! by chance ([`crate::trace`]), and the BSDF is that of what they stop, over the share that they stop. Solids, and thin sheets that are
-//! rough, refract or spread light by their BSDF; [`adapt`] makes rays end at them.
+//! Light that passes surfaces goes three ways. Cut-outs, blended surfaces and *panes*, thin and smooth, are sheets:
+//! rays pass them by chance ([`crate::trace`]), and the BSDF is that of what they stop, over the share that they stop.
+//! Solids, and thin sheets that are rough, refract or spread light by their BSDF; [`adapt`] makes rays end at them.
 //!
 //! | file | what it holds |
 //! |---|---|
@@ -18,6 +18,7 @@
 
 mod bsdf;
 mod energy;
+pub mod fit;
 mod fresnel;
 mod ggx;
 mod lafortune;
@@ -35,6 +36,7 @@ use energy::{Interface, Table};
 use fresnel::Rise;
 use glam::{Vec2, Vec3};
 use lafortune::Measured;
+use layered::{COAT_IOR, Clear, Energy, Layered, Means, both_faces};
 use serde::{Deserialize, Serialize};
 use layered::{COAT_IOR, Clear, Energy, Layered, both_faces};
 use pane::Pane;
@@ -50,8 +52,8 @@ pub enum Surfaces {
     Diffuse,
 }
 
-/// What paths carry: refraction squeezes radiance by the square of the index, and keeps power (Veach 1997, "Robust Monte Carlo Methods for
-/// Light Transport Simulation", section 5.2).
+/// What paths carry: refraction squeezes radiance by the square of the index, and keeps power (Veach 1997, "Robust
+/// Monte Carlo Methods for Light Transport Simulation", section 5.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
     /// Paths from the eye: `wo` points back to it.
@@ -67,7 +69,8 @@ pub struct Scattered {
     pub direction: Vec3,
     /// BSDF times cosine over density.
     pub weight: Rgb,
-    /// Density [1/sr] over all lobes but those that send light in one direction only; of such a one the chance that it was chosen.
+    /// Density [1/sr] over all lobes but those that send light in one direction only; of such a one the chance that it
+    /// was chosen.
     pub pdf: f32,
     /// The lobe that was drawn sends light in this direction only.
     pub delta: bool,
@@ -120,7 +123,7 @@ struct Tables {
 }
 
 impl Scattering {
-    /// Prepares the materials of `scene`; a few milliseconds for each index of refraction.
+    /// Prepares the materials of `scene`; some tens of milliseconds for each index of refraction.
     pub fn new(scene: &Scene, surfaces: Surfaces) -> Self {
         let mut tables = None;
         let finishes = scene.materials.iter().map(|material| match (&material.appearance, surfaces) {
@@ -130,8 +133,8 @@ impl Scattering {
         Self { finishes: finishes.collect(), tables }
     }
 
-    /// The scattering at a point of `triangle` of `surface`: weights of its corners 1 and 2, in the order of the mesh. `scene` is the one it
-    /// was prepared for.
+    /// The scattering at a point of `triangle` of `surface`: weights of its corners 1 and 2, in the order of the mesh.
+    /// `scene` is the one it was prepared for.
     pub fn at(&self, scene: &Scene, surface: usize, triangle: usize, barycentric: [f32; 2]) -> Bsdf<'_> {
         let mesh = &scene.meshes[scene.surfaces[surface].mesh];
         let index = mesh.triangle_material[triangle] as usize;
@@ -298,14 +301,15 @@ impl Point<'_> {
             specular: self.share(dielectric.specular, dielectric.specular_texture.as_ref()),
             coat: self.share(look.clearcoat, look.clearcoat_texture.as_ref()),
             coat_roughness: self.share(look.clearcoat_roughness, look.clearcoat_roughness_texture.as_ref()),
-            mean_above: Rgb::ZERO,
+            means: Means::default(),
             inside: false,
         })
     }
 }
 
-/// Prepares `scene` for rays that meet [`Surfaces::Full`]: they pass panes as far as both faces, head-on, don't mirror, and end at whatever
-/// refracts or spreads what passes. Cut-outs and blended surfaces stay as they are, and so does [`Surfaces::Diffuse`].
+/// Prepares `scene` for rays that meet [`Surfaces::Full`]: they pass panes as far as both faces, head-on, don't mirror,
+/// and end at whatever refracts or spreads what passes. Cut-outs and blended surfaces stay as they are, and so does
+/// [`Surfaces::Diffuse`].
 pub fn adapt(scene: &mut Scene, surfaces: Surfaces) {
     if surfaces == Surfaces::Diffuse {
         return;

@@ -1,8 +1,9 @@
 //! What a window pane stops of the light that meets it.
 //!
-//! Rays pass panes by chance (`trace/sheet`): of each channel the share t of [`crate::scene::Material::transmission`], whatever the angle.
-//! A ray that ends at a pane has met the rest, S = 1 - t: both faces mirror F' = 2 F / (1 + F) of the light, and no more than S; a diffuse
-//! part sends back some of what is left, `a (S - F'(o)) (S - F'(i)) / (pi mean(S - F'))`. Both are reciprocal, and never more than S.
+//! Rays pass panes by chance (`trace/sheet`): of each channel the share t of [`crate::scene::Material::transmission`],
+//! whatever the angle. A ray that ends at a pane has met the rest, S = 1 - t: both faces mirror F' = 2 F / (1 + F) of
+//! the light, and no more than S; a diffuse part sends back some of what is left, `a (S - F'(o)) (S - F'(i)) / (pi
+//! mean(S - F'))`. Both are reciprocal, and never more than S.
 
 use super::fresnel;
 use super::layered::both_faces;

@@ -1,12 +1,12 @@
 //! What a surface looks like beyond its diffuse stand-in: the glossy half of glTF's and UsdPreviewSurface's materials.
 //!
-//! Radiosity sees [`super::Material`]'s diffuse fields alone; path tracing reads these as well. A layer of clear coat lies over a
-//! mixture of a metal, `metallic`, and a dielectric; the dielectric mirrors on top of what is diffuse or, by `transmission`, clear.
-//! Emission, opacity and sides are the material's.
+//! Radiosity sees [`super::Material`]'s diffuse fields alone; path tracing reads these as well. A layer of clear coat
+//! lies over a mixture of a metal, `metallic`, and a dielectric; the dielectric mirrors on top of what is diffuse or,
+//! by `transmission`, clear. Emission, opacity and sides are the material's.
 //!
-//! A material is *matte*, and has no appearance, where nothing of it is told from a diffuse surface on purpose: unlit, without
-//! specular reflection, or a dielectric of roughness 1 without metal, transmission, clear coat, a specular extension, or
-//! measured lobes. So a scene that means to be diffuse is diffuse for all methods.
+//! A material is *matte*, and has no appearance, where nothing of it is told from a diffuse surface on purpose: unlit,
+//! without specular reflection, or a dielectric of roughness 1 without metal, transmission, clear coat, a specular
+//! extension, or measured lobes. So a scene that means to be diffuse is diffuse for all methods.
 
 use super::material::TextureSlot;
 use crate::color::Rgb;
@@ -14,8 +14,8 @@ use crate::color::Rgb;
 /// The look of a surface. Factors are multiplied by their textures where there are any.
 #[derive(Clone, Debug)]
 pub struct Appearance {
-    /// Base colour, 0..=1: albedo of what is diffuse, reflectance of a metal seen head-on, tint of what passes. As the source says: not
-    /// reduced by metal or transmission. Vertex colours multiply it.
+    /// Base colour, 0..=1: albedo of what is diffuse, reflectance of a metal seen head-on, tint of what passes. As the
+    /// source says: not reduced by metal or transmission. Vertex colours multiply it.
     pub base_color: Rgb,
     pub base_color_texture: Option<TextureSlot>,
     /// Share of the surface that is a metal, 0..=1.
@@ -40,12 +40,13 @@ pub struct Appearance {
     pub measured: Option<Lobes>,
 }
 
-/// How a dielectric mirrors: `specular * lerp(f0, 1, t)`, where f0 is the index's reflectance head-on times `color`, and t rises from 0
-/// head-on to 1 at grazing angles as Fresnel's equations have it (KHR_materials_specular, with the exact curve).
+/// How a dielectric mirrors: `specular * lerp(f0, 1, t)`, where f0 is the index's reflectance head-on times `color`,
+/// and t rises from 0 head-on to 1 at grazing angles as Fresnel's equations have it (KHR_materials_specular, with the
+/// exact curve).
 #[derive(Clone, Debug)]
 pub struct Dielectric {
-    /// Index of refraction, 1..=[`Dielectric::MOST_IOR`]; 0: the colour itself is the reflectance head-on, as of specular workflows, and
-    /// t is Schlick's (1 - cos)^5.
+    /// Index of refraction, 1..=[`Dielectric::MOST_IOR`]; 0: the colour itself is the reflectance head-on, as of
+    /// specular workflows, and t is Schlick's (1 - cos)^5.
     pub ior: f32,
     /// Weight of the mirror reflection, 0..=1.
     pub specular: f32,
@@ -80,9 +81,10 @@ pub enum Channel {
     A,
 }
 
-/// A reflection as a sum of cosine lobes (Lafortune, Foo, Torrance, Greenberg 1997, "Non-Linear Approximation of Reflectance
-/// Functions"): `diffuse / pi + sum max(0, x o_x i_x + y o_y i_y + z o_z i_z)^exponent`, by channel, with o and i the unit directions away from
-/// the surface and the normal along z. x = y < 0 < z makes a mirror's lobe, x = y > 0 one that shines back.
+/// A reflection as a sum of cosine lobes (Lafortune, Foo, Torrance, Greenberg 1997, "Non-Linear Approximation of
+/// Reflectance Functions"): `diffuse / pi + sum max(0, x o_x i_x + y o_y i_y + z o_z i_z)^exponent`, by channel, with o
+/// and i the unit directions away from the surface and the normal along z. x = y < 0 < z makes a mirror's lobe, x = y >
+/// 0 one that shines back.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lobes {
     /// Diffuse albedo, 0..=1.
@@ -225,7 +227,8 @@ impl Appearance {
         colors.chain(channels.into_iter().flatten().map(|channel| &channel.slot))
     }
 
-    /// Calls `keep` with each texture in use, in the order of [`slots`](Self::slots), and takes those out for which it is false.
+    /// Calls `keep` with each texture in use, in the order of [`slots`](Self::slots), and takes those out for which it
+    /// is false.
     pub fn retain_slots(&mut self, mut keep: impl FnMut(&mut TextureSlot) -> bool) {
         for place in [&mut self.base_color_texture, &mut self.dielectric.color_texture] {
             if place.as_mut().is_some_and(|slot| !keep(slot)) {

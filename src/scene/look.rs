@@ -7,8 +7,8 @@ use super::{Alpha, Mesh, Scene, TextureSlot};
 use crate::color::Rgb;
 use glam::{Vec2, Vec4};
 
-/// The highest albedo that is baked. Between surfaces that absorb nothing light never dies out; fresh snow and the whitest
-/// paints reach this, and glTF's default material, which says 1, means nothing of the kind.
+/// The highest albedo that is baked. Between surfaces that absorb nothing light never dies out; fresh snow and the
+/// whitest paints reach this, and glTF's default material, which says 1, means nothing of the kind.
 pub const MOST_ALBEDO: f32 = 0.97;
 
 /// Linear RGBA of a texture slot at weights `at` of a triangle; white where the mesh lacks its UVs.

@@ -1,5 +1,5 @@
-//! Looks beyond the diffuse: what metallic-roughness and specular-glossiness materials and their extensions say of mirrors, glass
-//! and coats, read where [`crate::load::LoadOptions::appearance`] asks for it.
+//! Looks beyond the diffuse: what metallic-roughness and specular-glossiness materials and their extensions say of
+//! mirrors, glass and coats, read where [`crate::load::LoadOptions::appearance`] asks for it.
 //!
 //! | source | what is made of it |
 //! |---|---|
@@ -28,7 +28,8 @@ use ::gltf::json::texture::Info;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// What a material says, before its images are read: factors are in the appearance, and the textures that multiply them here.
+/// What a material says, before its images are read: factors are in the appearance, and the textures that multiply them
+/// here.
 pub(super) struct Look {
     factors: Appearance,
     base_color: Option<Info>,
@@ -202,7 +203,8 @@ impl Look {
     }
 }
 
-/// Absorption [1/m] of a volume that leaves `color` after `distance` [m] (KHR_materials_volume); black counts as a millionth.
+/// Absorption [1/m] of a volume that leaves `color` after `distance` [m] (KHR_materials_volume); black counts as a
+/// millionth.
 fn absorption(color: Rgb, distance: f32) -> Rgb {
     let left = color.clamp(Rgb::splat(1e-6), Rgb::ONE);
     let absorption = -Rgb::new(left.x.ln(), left.y.ln(), left.z.ln()) / distance;

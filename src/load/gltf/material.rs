@@ -1,5 +1,5 @@
-//! Materials: the diffuse albedo, emission, opacity and transmission of metallic-roughness, specular-glossiness and unlit
-//! materials; `extension` tables what is done with each extension.
+//! Materials: the diffuse albedo, emission, opacity and transmission of metallic-roughness, specular-glossiness and
+//! unlit materials; `extension` tables what is done with each extension.
 //!
 //! Albedo = base colour factor x texture (x vertex colour, later). A metal has no diffuse part, but it does send light
 //! on; its base colour stands in as a diffuse albedo, which keeps the energy and the tint, and is said.
@@ -35,8 +35,8 @@ struct Source {
 }
 
 /// The scene's materials, one for each of the document and, where a mesh needs it, the default one at the end; the
-/// textures that they use; and the files that were read. Materials that no mesh uses stay at their default. `appearance`: what is not
-/// diffuse is read too.
+/// textures that they use; and the files that were read. Materials that no mesh uses stay at their default.
+/// `appearance`: what is not diffuse is read too.
 pub(super) fn materials(
     document: &Document,
     meshes: &[Mesh],

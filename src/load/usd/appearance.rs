@@ -1,5 +1,5 @@
-//! Looks beyond the diffuse: what surface shaders say of mirrors, coats and, as far as it is clear what is meant, glass, read where
-//! [`crate::load::LoadOptions::appearance`] asks for it.
+//! Looks beyond the diffuse: what surface shaders say of mirrors, coats and, as far as it is clear what is meant,
+//! glass, read where [`crate::load::LoadOptions::appearance`] asks for it.
 //!
 //! | surface | metal | roughness | dielectric | coat | clear |
 //! |---|---|---|---|---|---|
@@ -8,8 +8,8 @@
 //! | open_pbr_surface | base_metalness | specular_roughness | specular_ior, specular_weight, specular_color | coat_weight, coat_roughness | transmission_weight, as a thin sheet |
 //! | gltf_pbr | metallic | roughness | ior, specular, specular_color | clearcoat, clearcoat_roughness | transmission; a solid where thickness > 0 |
 //!
-//! A measured reflection goes before all of these: `float[] lumel:lobes` on the Material prim, the diffuse albedo (three numbers) and, for
-//! each lobe, x, y, z and exponent (three numbers each), see [`Lobes`].
+//! A measured reflection goes before all of these: `float[] lumel:lobes` on the Material prim, the diffuse albedo
+//! (three numbers) and, for each lobe, x, y, z and exponent (three numbers each), see [`Lobes`].
 
 use super::material::Materials;
 use super::network;
@@ -72,7 +72,8 @@ fn inputs(id: &str) -> Inputs {
     }
 }
 
-/// The look of the material `prim` with the surface `shader` of the kind `id`, whose base colour is `base`; `None` where it is matte.
+/// The look of the material `prim` with the surface `shader` of the kind `id`, whose base colour is `base`; `None`
+/// where it is matte.
 pub fn read(
     materials: &mut Materials,
     prim: &Prim,
@@ -130,7 +131,7 @@ fn lobes(prim: &Prim, w: &mut Reading) -> Option<Lobes> {
     }
     let place = format!("{}.{NAME}", prim.path());
     let numbers = read::value(prim, NAME, w).and_then(read::to_floats).unwrap_or_default();
-    if numbers.len() < 3 || (numbers.len() - 3) % 12 != 0 {
+    if numbers.len() < 3 || !(numbers.len() - 3).is_multiple_of(12) {
         w.add(place, "must hold 3 numbers, and 12 for each lobe; it was ignored");
         return None;
     }
