@@ -7,7 +7,7 @@ use super::accessor;
 use super::animation::Pose;
 use super::document::Document;
 use super::skin::Skin;
-use super::{contribution, role};
+use super::{contribution, medium, role};
 use crate::error::{Error, Result, Warnings};
 use crate::scene::{Contribution, RoleOpinion};
 use ::gltf::json;
@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// Names kept of a deeper path; a chain of a hundred thousand nodes would else take gigabytes of names.
 const MAX_NAMES: usize = 256;
 
-/// A node of the scene that holds a mesh, a light or a light profile.
+/// A node of the scene that holds a mesh, a light, a light profile or a medium.
 pub(super) struct PlacedNode {
     /// Index into the document's nodes.
     pub index: usize,
@@ -182,7 +182,8 @@ impl Tree<'_> {
         let area_light = other("EXT_lights_area").and_then(|l| l.get("light")?.as_u64());
         let area_light = area_light.and_then(|l| usize::try_from(l).ok());
         let mesh = node.mesh.map(|m| m.value());
-        if mesh.is_none() && light.is_none() && area_light.is_none() && other("EXT_lights_ies").is_none() {
+        let is_empty = mesh.is_none() && light.is_none() && area_light.is_none() && other("EXT_lights_ies").is_none();
+        if is_empty && medium::extras(self.document, index).is_none() {
             return Ok(None);
         }
         let name = name();

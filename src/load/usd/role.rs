@@ -17,8 +17,8 @@ use crate::scene::{Contribution, RoleOpinion};
 use openusd::tf::Token;
 use openusd::usd::Prim;
 
-/// What else begins with `lumel:` beside what says how lights are baked: what a bake writes, and projectors.
-const OTHERS: [&str; 7] = ["lightmap", "lightmaps", "uvName", "quantity", "baked", "realtime", "projector"];
+/// What else begins with `lumel:` beside what says how lights are baked: what a bake writes, projectors and media.
+const OTHERS: [&str; 8] = ["lightmap", "lightmaps", "uvName", "quantity", "baked", "realtime", "projector", "medium"];
 
 /// The opinions of `prim`, whose authored properties are `names`, over those that it inherits. Wrong ones are warnings.
 pub fn opinion(prim: &Prim, names: &[Token], above: RoleOpinion, w: &mut Reading) -> RoleOpinion {
