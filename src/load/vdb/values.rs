@@ -81,6 +81,10 @@ impl Values {
 
     /// `count` values as they are stored.
     fn stored(&self, file: &mut Bytes, count: usize) -> Result<Vec<f32>, Fault> {
+        // Of no half floats not even the length is written.
+        if self.is_half && count == 0 {
+            return Ok(Vec::new());
+        }
         let size = count * if self.is_half { 2 } else { 4 };
         let packed;
         let bytes = if self.compression & (ZIP | BLOSC) == 0 {
