@@ -18,6 +18,9 @@ const FILE_NAME: &str = "lumel.toml";
 /// Keys that hold paths; relative ones are relative to the file in which they stand.
 const PATH_KEYS: [&str; 4] = ["environment", "dump-stages", "watch", "confine"];
 
+/// The same in arrays of tables.
+const TABLE_PATH_KEYS: [(&str, &str); 2] = [("projectors", "picture"), ("medium", "grid")];
+
 /// Largest settings file [bytes].
 const MOST_BYTES: u64 = 1 << 20;
 
@@ -138,13 +141,7 @@ impl Typed for RenderArgs {
     fn table(&self) -> Result<Table> {
         // Pictures are taken by paths unless something else is asked for here: a file's method is the bake's.
         let method = [("method".to_string(), Value::from("path"))].into_iter().collect();
-        let groups = [
-            method,
-            table(&self.scene)?,
-            table(&self.walk)?,
-            table(&self.light)?,
-            table(&self.running)?,
-        ];
+        let groups = [method, table(&self.scene)?, table(&self.walk)?, table(&self.light)?, table(&self.running)?];
         Ok(groups.into_iter().flatten().collect())
     }
 }
@@ -178,10 +175,10 @@ pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
 /// nothing about what it is confined to.
 fn confine(path: &Path, table: &Table, folder: &Path) -> Result<()> {
     let root = folder.canonicalize().map_err(|e| Error::io(folder, e))?;
-    let projectors = table.get("projectors").and_then(Value::as_array).into_iter().flatten();
-    let pictures = projectors.filter_map(|p| p.get("picture"));
+    let tables = |key: &str| table.get(key).and_then(Value::as_array).into_iter().flatten();
+    let files = TABLE_PATH_KEYS.into_iter().flat_map(|(table, key)| tables(table).filter_map(move |t| t.get(key)));
     let own = PATH_KEYS.iter().filter(|key| **key != "confine").filter_map(|key| table.get(*key));
-    let named = own.chain(pictures).filter_map(Value::as_str).map(Path::new);
+    let named = own.chain(files).filter_map(Value::as_str).map(Path::new);
     for named in named.chain([path]) {
         // What isn't there yet lies where its closest folder does.
         let there = named.ancestors().find_map(|p| if p.as_os_str().is_empty() { None } else { p.canonicalize().ok() });
@@ -213,9 +210,11 @@ fn read(path: &Path) -> Result<Table> {
             *p = folder.join(&*p).to_string_lossy().into_owned();
         }
     }
-    for projector in table.get_mut("projectors").and_then(Value::as_array_mut).into_iter().flatten() {
-        if let Some(Value::String(p)) = projector.get_mut("picture") {
-            *p = folder.join(&*p).to_string_lossy().into_owned();
+    for (tables, key) in TABLE_PATH_KEYS {
+        for entry in table.get_mut(tables).and_then(Value::as_array_mut).into_iter().flatten() {
+            if let Some(Value::String(p)) = entry.get_mut(key) {
+                *p = folder.join(&*p).to_string_lossy().into_owned();
+            }
         }
     }
     Ok(table)
@@ -429,11 +428,13 @@ mod tests {
         std::fs::create_dir_all(&dir).unwrap();
         let path = dir.join("lumel.toml");
         let projector = "[[projectors]]\nlight = \"*\"\npicture = \"slides/a.png\"\nfov = 30\n";
-        std::fs::write(&path, format!("environment = \"sky/day.hdr\"\n{projector}")).unwrap();
+        let medium = "[[medium]]\ngrid = \"smoke.npz\"\nsigma_s = [1, 2, 3]\n";
+        std::fs::write(&path, format!("environment = \"sky/day.hdr\"\n{projector}{medium}")).unwrap();
         let settings = settle(read(&path).unwrap(), typed("")).unwrap();
         assert_eq!(settings.environment, Some(dir.join("sky/day.hdr")));
         assert_eq!(settings.projectors[0].picture, dir.join("slides/a.png"));
         assert_eq!(settings.projectors[0].fov, Some(30.0));
+        assert_eq!(settings.media[0].grid, Some(dir.join("smoke.npz")));
         std::fs::remove_dir_all(dir).unwrap();
     }
 }

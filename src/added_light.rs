@@ -1,15 +1,19 @@
-//! Light that settings add to a scene: sun, sky, a picture as the sky, and projectors.
+//! Light that settings add to a scene, and media: sun, sky, a picture as the sky, projectors, fog.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::light::parts::unite_skies;
 use crate::load::Loaded;
+use crate::load::access::Access;
 use crate::load::image::{self, ColorSpace};
+use crate::load::medium::MediumRequest;
 use crate::load::pattern::glob;
 use crate::load::projector::{ProjectorRequest, Target};
+use crate::load::volume;
 use crate::scene::clear_sky::{ClearSky, towards};
-use crate::scene::{Environment, Light, LightShape};
-use crate::settings::{ProjectorSetting, Settings, SkySetting};
+use crate::scene::{Environment, Light, LightShape, MediumShape};
+use crate::settings::{Method, ProjectorSetting, Settings, SkySetting};
 use glam::Vec3;
+use std::sync::Arc;
 
 /// The sun's disc [degrees].
 const SUN_ANGLE: f32 = 0.53;
@@ -49,6 +53,14 @@ pub fn add(loaded: &mut Loaded, settings: &Settings) -> Result<()> {
         loaded.inputs.push(picture.clone());
     }
     settings.projectors.iter().try_for_each(|projector| project(loaded, projector))?;
+    for (index, medium) in settings.media.iter().enumerate() {
+        fill(loaded, medium, index)?;
+    }
+    if settings.method == Method::Radiosity {
+        for medium in &loaded.scene.media {
+            loaded.warnings.add(&medium.name, "radiosity sees no media; choose --method path or photon");
+        }
+    }
     for light in &mut loaded.scene.lights {
         light.contribution.mode.get_or_insert(settings.bake_lights);
     }
@@ -63,6 +75,33 @@ pub fn add(loaded: &mut Loaded, settings: &Settings) -> Result<()> {
 fn picture_sky(loaded: &mut Loaded, name: &str) {
     let texture = Some(loaded.scene.textures.len() - 1);
     loaded.scene.environment = Some(Environment { texture, ..Environment::constant(name, Vec3::ONE) });
+}
+
+/// Adds the medium `setting`, number `index` of the settings.
+fn fill(loaded: &mut Loaded, setting: &MediumRequest, index: usize) -> Result<()> {
+    let name = setting.name.clone().unwrap_or_else(|| format!("medium[{index}]"));
+    let invalid = |fault: String| Error::invalid(&name, fault);
+    let mut shape = setting.own_shape().map_err(invalid)?;
+    let mut grid = None;
+    if let Some(path) = &setting.grid {
+        // Settings are the user's own: any file may be named, of a size that is read at once.
+        let bytes = Access::default().read(path)?;
+        let volume = volume::read(&path.display().to_string(), &bytes, None)?;
+        if let (MediumShape::Scene, None, Some(placed)) = (shape, setting.shape, volume.file_from_unit) {
+            shape = MediumShape::Box { world_from_unit: placed.as_affine3a() };
+        }
+        grid = Some(Arc::new(volume.grid));
+        loaded.inputs.push(path.clone());
+    }
+    let mut medium = setting.medium(&name, shape).map_err(invalid)?;
+    medium.grid = grid;
+    match medium.fault(&loaded.scene) {
+        Some(fault) => Err(invalid(fault)),
+        None => {
+            loaded.scene.media.push(medium);
+            Ok(())
+        }
+    }
 }
 
 /// Lets the lights that `setting` names throw its picture.

@@ -38,11 +38,7 @@ pub fn measure(
 }
 
 /// The method that `settings` ask for.
-fn method<'a>(
-    world: &'a World<'a>,
-    sensor: &'a dyn Sensor,
-    settings: &Settings,
-) -> Result<Box<dyn Integrator + 'a>> {
+fn method<'a>(world: &'a World<'a>, sensor: &'a dyn Sensor, settings: &Settings) -> Result<Box<dyn Integrator + 'a>> {
     let (max_bounces, seed) = (settings.max_bounces, settings.seed);
     let pixelwise = |method| Pixelwise { world, sensor, method, max_bounces, seed };
     match settings.method {

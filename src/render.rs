@@ -93,13 +93,7 @@ pub fn render(
 }
 
 /// What the view measures, shown as it grows.
-fn expose(
-    scene: &Scene,
-    view: &View,
-    settings: &Settings,
-    output: &Output,
-    progress: &dyn Progress,
-) -> Result<Film> {
+fn expose(scene: &Scene, view: &View, settings: &Settings, output: &Output, progress: &dyn Progress) -> Result<Film> {
     let tracer = Tracer::new(scene);
     let lights = Lights::new(scene);
     let scattering = Scattering::new(scene, settings.surfaces);

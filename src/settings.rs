@@ -14,6 +14,7 @@ pub use quality::Quality;
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
 use crate::light::direct::DirectParams;
+use crate::load::medium::MediumRequest;
 use crate::load::{Edits, LampEdit, LoadOptions, MaterialEdit, ObjectEdit, Purpose};
 use crate::meshing::{MeshMode, MeshParams};
 use crate::post::denoise::{Denoise, DenoiseParams, scales::Scales};
@@ -166,6 +167,9 @@ pub struct Settings {
     /// Pictures that lights are to throw.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub projectors: Vec<ProjectorSetting>,
+    /// Participating media that are added to the scene's own.
+    #[serde(rename = "medium", skip_serializing_if = "Vec::is_empty")]
+    pub media: Vec<MediumRequest>,
     /// Where texels are finer or coarser.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub density_volumes: Vec<DensityVolume>,

@@ -2,11 +2,12 @@
 
 use glam::{Affine3A, DVec3, EulerRot, Mat3, Quat, Vec3};
 use lumel::color::Rgb;
-use lumel::medium::{Flight, Media};
+use lumel::medium::{Flight, Media, Phase};
 use lumel::sample::Numbers;
 use lumel::sample::sequence::{Sequence, Stage};
-use lumel::scene::{DensityGrid, Medium, MediumShape, Scene};
+use lumel::scene::{DensityGrid, Medium, MediumShape, Mesh, Role, Scene, Surface, SurfaceOrigin};
 use lumel::trace::Ray;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Independent numbers, of which the test of chance may be asked: the sequences of bakes are too even. Counts what is drawn.
@@ -284,4 +285,294 @@ fn flights_weigh_what_quadrature_says_in_every_channel() {
     check("smoke", vec![smoke.clone()], even);
     check("fire", vec![fire], even);
     check("all", vec![cloud, grey, ink, colored, smoke], even);
+}
+
+#[test]
+fn phase_functions_add_up_to_one_and_turn_by_their_mean_cosine() {
+    for g in [-0.99, -0.9, -0.3, -1e-5, 0.0, 2e-4, 0.1, 0.5, 0.85, 0.99] {
+        let phase = Phase { g };
+        // Closely spaced towards the lobe: cos = 1 - 2 s^4 (or its mirror image).
+        let (mut sum, mut mean, n) = (0.0, 0.0, 200_000);
+        for i in 0..n {
+            let s = (f64::from(i) + 0.5) / f64::from(n);
+            let cos = (1.0 - 2.0 * s.powi(4)) * f64::from(1f32.copysign(g));
+            let share = f64::from(phase.evaluate(cos as f32)) * TAU * 8.0 * s.powi(3) / f64::from(n);
+            sum += share;
+            mean += share * cos;
+        }
+        assert!((sum - 1.0).abs() < 2e-3, "g {g}: adds up to {sum}");
+        assert!((mean - f64::from(g)).abs() < 2e-3, "g {g}: mean cosine {mean}");
+    }
+    assert_eq!(Phase::ISOTROPIC.evaluate(0.3), (0.25 / PI) as f32);
+    // Both directions point away: straight on is opposite.
+    let forwards = Phase { g: 0.8 };
+    assert_eq!(forwards.between(Vec3::X, -Vec3::X), forwards.evaluate(1.0));
+    assert!(forwards.between(Vec3::X, -Vec3::X) > 100.0 * forwards.between(Vec3::X, Vec3::X));
+}
+
+#[test]
+fn phase_functions_draw_directions_as_they_say() {
+    const CELLS: [usize; 2] = [24, 16];
+    const SAMPLES: u32 = 100_000;
+    for (g, wo) in [(0.0, Vec3::Z), (0.7, Vec3::new(0.48, -0.6, 0.64)), (-0.5, -Vec3::Z), (0.95, Vec3::X)] {
+        let (phase, frame) = (Phase { g }, lumel::sample::warp::frame(-wo));
+        let (mut counts, mut numbers) = (vec![0.0; CELLS[0] * CELLS[1]], Random::new(5));
+        let mut mean = 0.0;
+        for _ in 0..SAMPLES {
+            let (wi, pdf) = phase.sample(wo, numbers.pair());
+            assert!((wi.length() - 1.0).abs() < 1e-5);
+            let turned = frame.transpose() * wi;
+            assert!((pdf / phase.between(wo, wi) - 1.0).abs() < 2e-2, "g {g}: {pdf}, {}", phase.between(wo, wi));
+            let row = ((f64::from(turned.z) + 1.0) * 0.5 * CELLS[0] as f64).clamp(0.0, CELLS[0] as f64 - 1.0);
+            let azimuth = f64::from(turned.y.atan2(turned.x)).rem_euclid(TAU) / TAU;
+            counts[row as usize * CELLS[1] + ((azimuth * CELLS[1] as f64) as usize).min(CELLS[1] - 1)] += 1.0;
+            mean += f64::from(turned.z) / f64::from(SAMPLES);
+        }
+        // The integral of the function over a row has a closed form: its antiderivative in the cosine.
+        let g = f64::from(g);
+        let below = |cos: f64| match g == 0.0 {
+            true => 0.5 * (cos + 1.0),
+            false => (1.0 - g * g) / (2.0 * g) * ((1.0 + g * g - 2.0 * g * cos).sqrt().recip() - 1.0 / (1.0 + g)),
+        };
+        let edge = |row: usize| below(row as f64 / CELLS[0] as f64 * 2.0 - 1.0);
+        let expected: Vec<f64> = (0..counts.len())
+            .map(|i| {
+                let row = i / CELLS[1];
+                (edge(row + 1) - edge(row)) / CELLS[1] as f64 * f64::from(SAMPLES)
+            })
+            .collect();
+        assert_agrees(&format!("g {g}"), &counts, &expected);
+        assert!((mean - g).abs() < 4.5 / f64::from(SAMPLES).sqrt(), "g {g}: mean cosine {mean}");
+    }
+}
+
+#[test]
+fn free_paths_are_distributed_as_the_medium_says() {
+    const CELLS: usize = 40;
+    const STEPS: usize = 200;
+    const SAMPLES: u32 = 50_000;
+    let fog = Medium { scattering: Rgb::splat(1.1), ..in_box("fog", Vec3::splat(-1.0), Vec3::splat(2.5)) };
+    let cloud = Medium { scattering: Rgb::splat(3.0), absorption: Rgb::splat(1.0), ..cloudy("cloud") };
+    for (name, set) in [("fog", vec![fog.clone()]), ("cloud", vec![cloud.clone()]), ("both", vec![fog, cloud])] {
+        let (media, along) = (Media::new(&scene(set)), ray([-0.5, 0.4, 0.3], [1.0, 0.05, 0.1]));
+        let depth = depths(&media, &along, 4.0, CELLS * STEPS);
+        let mut expected: Vec<f64> = (0..CELLS)
+            .map(|c| ((-depth[c * STEPS].x).exp() - (-depth[(c + 1) * STEPS].x).exp()) * f64::from(SAMPLES))
+            .collect();
+        expected.push((-depth[CELLS * STEPS].x).exp() * f64::from(SAMPLES));
+        let mut counts = vec![0.0; CELLS + 1];
+        for i in 0..u64::from(SAMPLES) {
+            // Grey media: every flight weighs its albedo, or 1.
+            match media.fly(&along, 4.0, Rgb::ONE, &mut Random::new(i)) {
+                Flight::Passed { weight, .. } => {
+                    assert_close(name, weight, Rgb::ONE, 1e-4);
+                    counts[CELLS] += 1.0;
+                }
+                Flight::Scattered { t, weight, .. } => {
+                    assert!(weight.x <= 1.0001 && weight.x > 0.74, "{name}: {weight}");
+                    counts[(f64::from(t) / 4.0 * CELLS as f64) as usize] += 1.0;
+                }
+            }
+        }
+        assert_agrees(name, &counts, &expected);
+    }
+}
+
+#[test]
+fn light_of_a_point_scattered_once_is_what_quadrature_says() {
+    let (sigma_s, sigma_a, g) = (Rgb::new(0.6, 0.3, 1.2), Rgb::new(0.1, 0.4, 0.0), 0.6);
+    let fog = Medium {
+        scattering: sigma_s,
+        absorption: sigma_a,
+        anisotropy: g,
+        ..in_box("fog", Vec3::ZERO, Vec3::new(4.0, 2.0, 2.0))
+    };
+    let (media, phase) = (Media::new(&scene(vec![fog])), Phase { g });
+    let (eye, lamp, intensity) = (ray([-1.0, 0.8, 1.0], [1.0, 0.05, 0.0]), Vec3::new(3.0, 1.7, 1.2), 10.0);
+    // Radiance that reaches the eye from the point at distance t, per metre.
+    let sigma_t = (sigma_s + sigma_a).as_dvec3();
+    let at = |t: f64| {
+        let point = eye.origin.as_dvec3() + eye.direction.as_dvec3() * t;
+        let way = lamp.as_dvec3() - point;
+        let turned = phase.between(-eye.direction, way.normalize().as_vec3());
+        let seen = t - 1.0 / f64::from(eye.direction.x);
+        (-sigma_t * (seen + way.length())).exp() * sigma_s.as_dvec3() * f64::from(turned * intensity)
+            / way.length_squared()
+    };
+    let (from, to) = (1.0 / f64::from(eye.direction.x), 5.0 / f64::from(eye.direction.x));
+    let n = 20_000;
+    let step = (to - from) / f64::from(n);
+    let expected: DVec3 = (0..n).map(|i| at(from + (f64::from(i) + 0.5) * step) * step).sum();
+    let mut tally = Tally::default();
+    for i in 0..60_000 {
+        let mut numbers = Random::new(i);
+        let flight = media.fly(&eye, f32::INFINITY, Rgb::ONE, &mut numbers);
+        tally.add(match flight {
+            Flight::Passed { .. } => Rgb::ZERO,
+            Flight::Scattered { t, weight, phase, .. } => {
+                let point = eye.origin + eye.direction * t;
+                let (way, distance) = ((lamp - point).normalize(), lamp.distance(point));
+                let passed = media.transmittance(&Ray { origin: point, direction: way }, distance, &mut numbers);
+                let turned = phase.between(-eye.direction, way);
+                weight * passed * (turned * intensity / (distance * distance))
+            }
+        });
+    }
+    tally.assert_is("single scattering", expected, 0.02);
+}
+
+#[test]
+fn overlapping_media_turn_light_in_proportion_to_what_they_scatter() {
+    let medium = |name: &str, scattering: Rgb, anisotropy| Medium {
+        scattering,
+        anisotropy,
+        ..in_box(name, Vec3::ZERO, Vec3::splat(3.0))
+    };
+    let (one, other) = (medium("one", Rgb::new(1.0, 0.5, 0.0), 0.5), medium("other", Rgb::new(0.5, 0.5, 2.0), -0.2));
+    let media = Media::new(&scene(vec![one, other]));
+    let along = ray([-1.0, 1.0, 1.0], [1.0, 0.0, 0.0]);
+    let mut first = Tally::default();
+    let mut all = Tally::default();
+    for i in 0..40_000 {
+        if let Flight::Scattered { weight, phase, .. } = media.fly(&along, f32::INFINITY, Rgb::ONE, &mut Random::new(i))
+        {
+            first.add(if phase.g == 0.5 { weight } else { Rgb::ZERO });
+            all.add(weight);
+        } else {
+            first.add(Rgb::ZERO);
+            all.add(Rgb::ZERO);
+        }
+    }
+    let turned = 1.0 - (-3.0 * DVec3::new(1.5, 1.0, 2.0)).exp();
+    all.assert_is("all", turned, 0.02);
+    first.assert_is("the first", turned * DVec3::new(1.0 / 1.5, 0.5, 0.0), 0.05);
+}
+
+#[test]
+fn a_medium_in_the_whole_scene_ends_beyond_its_box() {
+    let mesh = Mesh { positions: vec![Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 3.0], ..Mesh::default() };
+    let floor = Surface {
+        name: "floor".into(),
+        mesh: 0,
+        world_from_local: Affine3A::IDENTITY,
+        origin: SurfaceOrigin::None,
+        role: Role::default(),
+    };
+    let fog = Medium { absorption: Rgb::ONE, ..Medium::new("fog", MediumShape::Scene) };
+    let media = Media::new(&Scene { meshes: vec![mesh], surfaces: vec![floor], media: vec![fog], ..Scene::default() });
+    let up = ray([1.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
+    // The diagonal is 5 m: the medium goes 0.25 m beyond.
+    let passed = media.transmittance(&up, f32::INFINITY, &mut Random::new(0));
+    assert_close("towards the sky", passed, Rgb::splat((-0.25f32).exp()), 1e-4);
+}
+
+#[test]
+fn equal_numbers_give_equal_bits() {
+    let medium = Medium { scattering: Rgb::new(1.0, 2.0, 0.2), emission: Rgb::X, ..cloudy("cloud") };
+    let media = [(); 2].map(|()| Media::new(&scene(vec![medium.clone()])));
+    let along = ray([-1.0, 0.4, 0.3], [1.0, 0.05, 0.1]);
+    for i in 0..100 {
+        let [a, b] = [0, 1].map(|k| media[k].fly(&along, 5.0, Rgb::ONE, &mut Random::new(i)));
+        assert_eq!(a, b);
+        let [a, b] = [0, 1].map(|k| media[k].transmittance(&along, 5.0, &mut Random::new(i)));
+        assert_eq!(a, b);
+    }
+}
+
+#[test]
+fn nothing_stands_in_the_way_of_rays_that_miss_and_of_void_media() {
+    let cloud = Medium { scattering: Rgb::ONE, ..cloudy("cloud") };
+    let void = [
+        Medium { density: 0.0, ..cloud.clone() },
+        Medium { scattering: Rgb::ZERO, ..cloud.clone() },
+        Medium { grid: Some(Arc::new(DensityGrid::new([2, 1, 1], vec![0.0; 2]).unwrap())), ..cloud.clone() },
+    ];
+    assert!(Media::new(&scene(void.to_vec())).is_empty());
+    let media = Media::new(&scene(vec![cloud]));
+    assert_eq!(media.names().collect::<Vec<_>>(), ["cloud"]);
+    let mut numbers = Random::new(0);
+    let infinite = f32::INFINITY;
+    for (ray, distance) in [
+        (ray([0.0, 2.0, 0.0], [1.0, 0.0, 0.0]), infinite),
+        (ray([3.0, 0.5, 0.5], [1.0, 0.0, 0.0]), infinite),
+        (ray([-1.0, 0.5, 0.5], [1.0, 0.0, 0.0]), 0.9),
+        (ray([-1.0, 0.5, 0.5], [1.0, 0.0, 0.0]), 0.0),
+        (Ray { origin: Vec3::NAN, direction: Vec3::X }, infinite),
+        (Ray { origin: -Vec3::X, direction: Vec3::ZERO }, 1.0),
+    ] {
+        assert_eq!(media.transmittance(&ray, distance, &mut numbers), Rgb::ONE);
+        let passed = Flight::Passed { weight: Rgb::ONE, emitted: Rgb::ZERO };
+        assert_eq!(media.fly(&ray, distance, Rgb::ONE, &mut numbers), passed);
+    }
+    assert_eq!(numbers.drawn, 0);
+}
+
+#[test]
+fn hostile_media_are_told_and_left_out() {
+    let sound = Medium { scattering: Rgb::ONE, ..cloudy("m") };
+    let flat = |scale: Vec3| MediumShape::Box { world_from_unit: Affine3A::from_scale(scale) };
+    let dense = Arc::new(DensityGrid::new([1, 1, 1], vec![1e6]).unwrap());
+    let hostile: [(&str, Medium); 13] = [
+        ("scattering", Medium { scattering: Rgb::splat(-1.0), ..sound.clone() }),
+        ("scattering", Medium { scattering: Rgb::splat(f32::NAN), ..sound.clone() }),
+        ("absorption", Medium { absorption: Rgb::new(0.0, f32::INFINITY, 0.0), ..sound.clone() }),
+        ("scattering", Medium { density: 1e6, scattering: Rgb::splat(1e6), ..sound.clone() }),
+        ("density", Medium { density: f32::NAN, ..sound.clone() }),
+        ("emission", Medium { emission: Rgb::splat(-1.0), ..sound.clone() }),
+        ("g ", Medium { anisotropy: 1.0, ..sound.clone() }),
+        ("no volume", Medium { shape: flat(Vec3::new(1.0, 0.0, 1.0)), ..sound.clone() }),
+        ("no volume", Medium { shape: flat(Vec3::new(1e30, 1.0, 1.0)), ..sound.clone() }),
+        ("no volume", Medium { shape: flat(Vec3::splat(f32::NAN)), ..sound.clone() }),
+        ("no volume", Medium { shape: MediumShape::between(Vec3::ONE, Vec3::ONE), ..sound.clone() }),
+        // A scene without surfaces.
+        ("no volume", Medium { shape: MediumShape::Scene, ..sound.clone() }),
+        ("optical depth", Medium { grid: Some(dense), scattering: Rgb::splat(100.0), ..sound.clone() }),
+    ];
+    assert_eq!(sound.fault(&scene(vec![])), None);
+    for (word, medium) in hostile {
+        let fault = medium.fault(&scene(vec![])).unwrap_or_default();
+        assert!(fault.contains(word), "{word}: {fault:?}");
+        assert!(Media::new(&scene(vec![medium])).is_empty(), "{word}");
+    }
+    for (size, values, word) in [
+        ([0, 1, 1], vec![], "no voxels"),
+        ([1, 1, 2], vec![0.0], "holds 1 values"),
+        ([1, 1, 1], vec![-1.0], "density -1"),
+        ([1, 1, 1], vec![f32::NAN], "density NaN"),
+        ([usize::MAX, 2, 2], vec![], "too large"),
+        ([1 << 20, 1 << 20, 1], vec![], "too large"),
+    ] {
+        let fault = DensityGrid::new(size, values).unwrap_err();
+        assert!(fault.contains(word), "{word}: {fault:?}");
+    }
+}
+
+#[test]
+fn odd_shapes_end_every_way() {
+    // A needle of a box seen from far away, colours that differ by a million, a voxel among empty ones.
+    let mut values = vec![0.0; 1000];
+    values[555] = 1.0;
+    let spark = Arc::new(DensityGrid::new([10; 3], values).unwrap());
+    let needle = MediumShape::between(Vec3::new(1e6, 0.0, 0.0), Vec3::new(1e6 + 1.0, 1e-6, 1e-6));
+    let mut numbers = Random::new(0);
+    for shape in [needle, MediumShape::between(Vec3::splat(-1e3), Vec3::splat(1e3))] {
+        for grid in [None, Some(spark.clone())] {
+            let medium =
+                Medium { scattering: Rgb::new(250.0, 1e-4, 0.0), emission: Rgb::ONE, grid, ..Medium::new("m", shape) };
+            let haze = Medium { scattering: Rgb::new(1e6, 1.0, 0.0), grid: None, ..medium.clone() };
+            let media = Media::new(&scene(vec![medium, haze]));
+            for direction in [[1.0, 0.0, 0.0], [1.0, 1e-7, 1e-7], [-1.0, 0.1, -0.1], [1.0, 1.0, 1.0]] {
+                for origin in [[0.0, 5e-7, 5e-7], [-1e6, 0.0, 0.0], [1e6, 5e-7, 5e-7]] {
+                    let along = ray(origin, direction);
+                    for throughput in [Rgb::ONE, Rgb::X, Rgb::Z, Rgb::ZERO, Rgb::new(1e-30, 1.0, 1e30)] {
+                        let flight = media.fly(&along, f32::INFINITY, throughput, &mut numbers);
+                        let carried = throughput * flight.weight();
+                        assert!(carried.is_finite() && flight.emitted().is_finite(), "{flight:?}");
+                    }
+                    let passed = media.transmittance(&along, f32::INFINITY, &mut numbers);
+                    assert!(passed.min_element() >= 0.0 && passed.is_finite(), "{passed}");
+                }
+            }
+        }
+    }
 }

@@ -284,7 +284,11 @@ fn power(world: &World, source: Source, radius: f32) -> f32 {
                 let z = 1.0 - (2.0 * k as f32 + 1.0) / 64.0;
                 let (sin, cos) = (k as f32 * TAU * 0.618_034).sin_cos();
                 let r = (1.0 - z * z).sqrt();
-                world.lights.sky.as_ref().map_or(0.0, |sky| luminance(sky.radiance(world.scene, Vec3::new(r * cos, z, r * sin))))
+                world
+                    .lights
+                    .sky
+                    .as_ref()
+                    .map_or(0.0, |sky| luminance(sky.radiance(world.scene, Vec3::new(r * cos, z, r * sin))))
             });
             mean.sum::<f32>() / 64.0 * 2.0 * TAU * across
         }
@@ -300,5 +304,9 @@ fn bounds(scene: &Scene) -> (Vec3, f32) {
             (low, high) = (low.min(p), high.max(p));
         }
     }
-    if low.x > high.x { (Vec3::ZERO, 1.0) } else { (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6) * 1.01) }
+    if low.x > high.x {
+        (Vec3::ZERO, 1.0)
+    } else {
+        (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6) * 1.01)
+    }
 }

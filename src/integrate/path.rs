@@ -35,9 +35,7 @@ struct Walk<'a> {
 pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl Numbers) -> Rgb {
     let mut sum = Rgb::ZERO;
     let mut walk = match start {
-        Start::Ray(ray) => {
-            Some(Walk { ray, weight: Rgb::ONE, from: None, absorption: Rgb::ZERO, spread: 1.0 })
-        }
+        Start::Ray(ray) => Some(Walk { ray, weight: Rgb::ONE, from: None, absorption: Rgb::ZERO, spread: 1.0 }),
         Start::Point(point) => {
             let receiver = world.receiver(point);
             let fresh = Walk {

@@ -27,14 +27,7 @@ pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl 
 }
 
 /// The light that comes along `ray` and carries the share `weight`, through what absorbs `absorption` [1/m].
-fn follow(
-    world: &World,
-    ray: &Ray,
-    weight: Rgb,
-    absorption: Rgb,
-    levels: u32,
-    numbers: &mut impl Numbers,
-) -> Rgb {
+fn follow(world: &World, ray: &Ray, weight: Rgb, absorption: Rgb, levels: u32, numbers: &mut impl Numbers) -> Rgb {
     let (hit, tint) = world.closest(ray);
     let t = hit.map_or(f32::INFINITY, |hit| hit.t);
     let mut sum = Rgb::ZERO;

@@ -60,13 +60,7 @@ impl<'a> World<'a> {
     }
 
     /// Follows `ray`, whose path has the weight `throughput`, to its next vertex, through what absorbs `absorption` [1/m].
-    pub fn travel(
-        &self,
-        ray: &Ray,
-        throughput: Rgb,
-        absorption: Rgb,
-        numbers: &mut impl Numbers,
-    ) -> Travelled<'a> {
+    pub fn travel(&self, ray: &Ray, throughput: Rgb, absorption: Rgb, numbers: &mut impl Numbers) -> Travelled<'a> {
         let (hit, tint) = self.closest(ray);
         let t = hit.map_or(f32::INFINITY, |hit| hit.t);
         let mut emitted = Rgb::ZERO;

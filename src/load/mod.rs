@@ -5,12 +5,16 @@ pub mod edits;
 pub mod gltf;
 pub mod ies;
 pub mod image;
+pub mod medium;
+pub mod npz;
 pub mod options;
 pub mod pattern;
 pub mod projector;
 pub mod sky_layout;
 pub mod units;
 pub mod usd;
+pub mod vdb;
+pub mod volume;
 
 use crate::error::{Error, Result, Warnings};
 use crate::scene::{Scene, validate::validate};

@@ -541,8 +541,9 @@ impl<'a> Layered<'a> {
     /// All single directions that light is sent on in, each with the whole of its share: by the coat, the mirror, and what is clear.
     pub fn singles(&self, o: Vec3, mode: Transport) -> [Option<Scattered>; SINGLES] {
         let seen = self.sight(o.z, self.inside);
-        let coat = (self.coat > 0.0 && !self.inside && self.is_coat_smooth())
-            .then(|| Scattered::single(straight_back(o), Rgb::splat(self.coat * fresnel::dielectric(o.z, COAT_IOR)), 1.0));
+        let coat = (self.coat > 0.0 && !self.inside && self.is_coat_smooth()).then(|| {
+            Scattered::single(straight_back(o), Rgb::splat(self.coat * fresnel::dielectric(o.z, COAT_IOR)), 1.0)
+        });
         let mirror = (self.is_smooth() && !self.inside)
             .then(|| Scattered::single(straight_back(o), self.facet(o.z) * (1.0 - seen.coat), 1.0));
         let clear = |u: f32| {

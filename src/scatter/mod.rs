@@ -37,9 +37,8 @@ use fresnel::Rise;
 use glam::{Vec2, Vec3};
 use lafortune::Measured;
 use layered::{COAT_IOR, Clear, Energy, Layered, Means, both_faces};
-use serde::{Deserialize, Serialize};
-use layered::{COAT_IOR, Clear, Energy, Layered, both_faces};
 use pane::Pane;
+use serde::{Deserialize, Serialize};
 
 /// What of materials is seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

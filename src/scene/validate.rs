@@ -4,7 +4,7 @@ use super::Scene;
 use crate::error::{Error, Result, Warnings};
 
 /// Drops what later stages can't use (degenerate triangles, surfaces without any, triangles with numbers that are not
-/// finite), each counted as a warning, and checks every index.
+/// finite, media at fault), each counted as a warning, and checks every index.
 ///
 /// # Errors
 /// `Invalid` where an index is out of range or a scene without any surface is left; `place` names the file.
@@ -64,6 +64,13 @@ pub fn validate(scene: &mut Scene, place: &str, warnings: &mut Warnings) -> Resu
             message += &format!(" ({})", left_out.join("; "));
         }
         return Err(Error::invalid(place, message));
+    }
+    let media = std::mem::take(&mut scene.media);
+    for medium in media {
+        match medium.fault(scene) {
+            Some(fault) => warnings.add(&medium.name, format!("a medium was left out: {fault}")),
+            None => scene.media.push(medium),
+        }
     }
     Ok(())
 }

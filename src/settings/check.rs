@@ -67,6 +67,9 @@ impl Settings {
                 return Err(Error::invalid("density-volumes", fault));
             }
         }
+        for medium in &self.media {
+            medium.own_shape().map_err(|fault| Error::invalid("medium", fault))?;
+        }
         self.check_layers()?;
         self.check_pages()?;
         self.check_gather()?;

@@ -19,6 +19,7 @@ mod environment;
 mod extension;
 mod light;
 mod material;
+mod medium;
 mod mesh;
 mod meshopt;
 mod morph;
@@ -96,6 +97,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let mut scene = Scene { meshes, materials, textures, surfaces, lights, environment, cameras, media: Vec::new() };
     let slides = projector::read(&document, &mut scene, &mut warnings)?;
     document.inputs.extend(slides);
+    document.inputs.extend(medium::read(&document, &nodes, &mut scene)?);
     access.finish()?;
     let Document { path, json, buffers, inputs, .. } = document;
     Ok(Loaded { scene, source: Source::Gltf(GltfSource { path, json, buffers, access }), inputs, warnings })

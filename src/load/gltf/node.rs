@@ -7,7 +7,7 @@ use super::accessor;
 use super::animation::Pose;
 use super::document::Document;
 use super::skin::Skin;
-use super::{contribution, role};
+use super::{contribution, medium, role};
 use crate::error::{Error, Result, Warnings};
 use crate::scene::{Contribution, RoleOpinion};
 use ::gltf::json;
@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// Names kept of a deeper path; a chain of a hundred thousand nodes would else take gigabytes of names.
 const MAX_NAMES: usize = 256;
 
-/// A node of the scene that holds a mesh, a light, a light profile or a camera.
+/// A node of the scene that holds a mesh, a light, a light profile, a camera or a medium.
 pub(super) struct PlacedNode {
     /// Index into the document's nodes.
     pub index: usize,
@@ -185,7 +185,8 @@ impl Tree<'_> {
         let mesh = node.mesh.map(|m| m.value());
         let camera = node.camera.map(|c| c.value());
         let is_light = light.is_some() || area_light.is_some() || other("EXT_lights_ies").is_some();
-        if mesh.is_none() && camera.is_none() && !is_light {
+        let is_empty = mesh.is_none() && camera.is_none() && !is_light;
+        if is_empty && medium::extras(self.document, index).is_none() {
             return Ok(None);
         }
         let name = name();

@@ -14,6 +14,9 @@ use crate::scene::{Contribution, RoleOpinion};
 /// Keys that a bake writes into the same object of a node: they say nothing about a role.
 pub const WRITTEN: [&str; 6] = ["page", "texCoord", "scale", "offset", "baked", "realtime"];
 
+/// The key of a participating medium, see [`super::medium`].
+const MEDIUM: &str = "medium";
+
 /// The opinions of node `node`.
 ///
 /// # Errors
@@ -26,9 +29,9 @@ pub(super) fn opinion(document: &Document, node: usize) -> Result<RoleOpinion> {
         return Err(Error::invalid(place(), "extras.lumel is no object; give it keys such as \"casts\": false"));
     };
     let known = || RoleOpinion::KEYS.into_iter().chain(Contribution::KEYS);
-    let is_known = |key: &&String| known().chain(WRITTEN).any(|k| k == key.as_str());
+    let is_known = |key: &&String| known().chain(WRITTEN).chain([MEDIUM]).any(|k| k == key.as_str());
     if let Some(key) = object.keys().find(|key| !is_known(key)) {
-        let known = known().collect::<Vec<_>>().join(", ");
+        let known = known().chain([MEDIUM]).collect::<Vec<_>>().join(", ");
         let message = format!("extras.lumel has the unknown key {key}; known are {known}");
         return Err(Error::invalid(place(), message));
     }

@@ -3,7 +3,7 @@
 //! What is read, at the default time or the time code asked for: meshes (polygons triangulated, every UV primvar, normals,
 //! display colours), subdivision surfaces (as cages, or refined), implicit shapes, GeomSubsets, skeletons and blend shapes,
 //! materials (UsdPreviewSurface, and what is diffuse of others, UDIM included), native and point instances, UsdLux lights,
-//! mesh lights. What is met and not read is a counted warning with its prim path.
+//! mesh lights, volumes. What is met and not read is a counted warning with its prim path.
 //!
 //! The stage's unit and up axis are folded into transforms; mesh positions stay as authored. UVs are flipped to v down.
 
@@ -33,6 +33,7 @@ mod subdivision;
 mod surface;
 mod texture;
 mod udim;
+mod volume;
 mod walk;
 mod xform;
 

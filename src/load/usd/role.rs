@@ -17,8 +17,9 @@ use crate::scene::{Contribution, RoleOpinion};
 use openusd::tf::Token;
 use openusd::usd::Prim;
 
-/// What else begins with `lumel:` beside what says how lights are baked: what a bake writes, projectors, and lobes of materials.
-const OTHERS: [&str; 8] = ["lightmap", "lightmaps", "uvName", "quantity", "baked", "realtime", "projector", "lobes"];
+/// What else begins with `lumel:` beside what says how lights are baked: what a bake writes, projectors, lobes of materials and media.
+const OTHERS: [&str; 9] =
+    ["lightmap", "lightmaps", "uvName", "quantity", "baked", "realtime", "projector", "lobes", "medium"];
 
 /// The opinions of `prim`, whose authored properties are `names`, over those that it inherits. Wrong ones are warnings.
 pub fn opinion(prim: &Prim, names: &[Token], above: RoleOpinion, w: &mut Reading) -> RoleOpinion {

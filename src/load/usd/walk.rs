@@ -6,7 +6,7 @@ use super::read::{self, Reading};
 use super::role;
 use super::skel::Skeletons;
 use super::surface::{MeshKey, ShiningKey};
-use super::{camera, contribution, light, shape, xform};
+use super::{camera, contribution, light, shape, volume, xform};
 use crate::error::Warnings;
 use crate::load::access::Access;
 use crate::load::options::{LoadOptions, Purpose};
@@ -326,6 +326,16 @@ impl Walk {
                     self.warnings.add(prim.path(), "a light below a point instancer was left out");
                 }
             }
+            "Volume" => {
+                if state.role.skip == Some(true) {
+                    // Left out with all that lies below the prim that says so.
+                } else if self.expanding.is_empty() {
+                    volume::read_volume(self, prim, state);
+                } else {
+                    self.warnings.add(prim.path(), "a volume below a point instancer was left out");
+                }
+            }
+            kind if volume::is_field(kind) => {}
             "LightFilter" => unsupported(&mut self.warnings, "light filters"),
             _ if prim.is_a("Gprim").unwrap_or(false) || prim.is_a("Boundable").unwrap_or(false) => {
                 unsupported(&mut self.warnings, &format!("{kind} prims"));
