@@ -47,7 +47,8 @@ pub enum Command {
     FormFactors(Box<FormFactorArgs>),
     /// Take a picture of a scene through a camera, by rays
     ///
-    /// Writes the picture [nit] as OpenEXR and, tone-mapped, as a PNG of the same name beside it: as it grows, and at the end.
+    /// Writes the picture [nit] as OpenEXR and, tone-mapped, as a PNG of the same name beside it: as it grows, and at the end. Of a bake's
+    /// GLB it shows the lightmaps, unless a --method is given.
     Render(Box<RenderArgs>),
     /// Compare two baked EXR pages, and draw where they differ
     Compare(CompareArgs),
@@ -184,6 +185,10 @@ pub struct RenderArgs {
     /// Picture to write, and a .png beside it [default: ./<stem>.exr]
     #[arg(short, long, value_name = "F.exr", value_hint = ValueHint::FilePath)]
     pub output: Option<PathBuf>,
+    /// Show a bake (its GLB) by a final gather: from every point of the picture rays read the lightmaps where they land, so that
+    /// detail finer than a texel comes back [default: the lightmaps as they are]
+    #[arg(long, conflicts_with = "method")]
+    pub final_gather: bool,
     #[command(flatten)]
     pub view: ViewArgs,
     #[command(flatten)]
@@ -480,9 +485,13 @@ pub struct SolverArgs {
 #[serde(rename_all = "kebab-case")]
 pub struct EffortArgs {
     /// radiosity: light exchanged between surfaces, see --gather; path: paths from each texel, slower, the reference for
-    /// the other [default: radiosity]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path"]))]
+    /// the other; ray: light straight from what shines alone. Methods other than radiosity see mirrors, metals, glass and media
+    /// [default: radiosity]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "ray"]))]
     pub method: Option<String>,
+    /// What of materials methods other than radiosity see: all, or the diffuse stand-ins that radiosity bakes [default: full]
+    #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
+    pub surfaces: Option<String>,
     /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area
     /// averages, without the worst 1 % of texels [0.05%..50%; default: 5%, 2%, 1% or 0.5% by --quality]
     #[arg(long, value_name = "PERCENT")]

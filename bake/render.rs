@@ -7,7 +7,7 @@ use super::console::Console;
 use super::failure::Failure;
 use super::{destination, interrupt};
 use lumel::Error;
-use lumel::render::{CameraChoice, Picture, render as take};
+use lumel::render::{CameraChoice, LightChoice, Picture, render as take};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -29,6 +29,11 @@ pub fn render(args: &RenderArgs, console: &Console) -> Result<(), Failure> {
         camera: args.view.camera.clone().unwrap_or(CameraChoice::First),
         width: args.view.size.map_or(WIDTH, |(width, _)| width),
         height: args.view.size.and_then(|(_, height)| height),
+        light: match (args.final_gather, &args.walk.method) {
+            (true, _) => LightChoice::Gathered,
+            (false, Some(_)) => LightChoice::Traced,
+            (false, None) => LightChoice::Any,
+        },
         exposure: args.view.exposure,
     };
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -1,7 +1,8 @@
 //! What a sensor measures by one of the methods that follow rays, to as many samples, or in as much time, as settings say.
 
 use crate::error::{Error, Result};
-use crate::integrate::{Integrator, Pixelwise, Walk, World};
+use crate::integrate::{BakedView, Integrator, Pixelwise, Walk, World};
+use crate::load::baked::BakedLight;
 use crate::progress::Progress;
 use crate::sensor::{Film, Sensor};
 use crate::settings::{Method, Settings};
@@ -19,13 +20,40 @@ pub fn measure(
     sensor: &dyn Sensor,
     settings: &Settings,
     progress: &dyn Progress,
-    mut show: impl FnMut(&Film) -> Result<()>,
+    show: impl FnMut(&Film) -> Result<()>,
 ) -> Result<Film> {
     let mut method = method(world, sensor, settings)?;
+    expose(&mut *method, sensor.len(), settings, progress, show)
+}
+
+/// The same of a bake as a camera sees it, by a final gather where `gathers`.
+///
+/// # Errors
+/// Those of `show`; `Cancelled`.
+pub fn measure_bake(
+    world: &World,
+    light: &BakedLight,
+    sensor: &dyn Sensor,
+    gathers: bool,
+    settings: &Settings,
+    progress: &dyn Progress,
+    show: impl FnMut(&Film) -> Result<()>,
+) -> Result<Film> {
+    let mut view = BakedView { world, sensor, light, gathers, seed: settings.seed };
+    expose(&mut view, sensor.len(), settings, progress, show)
+}
+
+fn expose(
+    method: &mut dyn Integrator,
+    pixels: usize,
+    settings: &Settings,
+    progress: &dyn Progress,
+    mut show: impl FnMut(&Film) -> Result<()>,
+) -> Result<Film> {
     let budget = settings.time_budget.map(Duration::from_secs_f64);
     let most = settings.samples.or(budget.is_none().then_some(SAMPLES)).map(u64::from);
     progress.begin(settings.method.name(), most.unwrap_or(0));
-    let mut film = Film::new(sensor.len());
+    let mut film = Film::new(pixels);
     while most.is_none_or(|most| film.passes() < most) {
         method.pass(&mut film, progress)?;
         progress.advance(1);

@@ -5,11 +5,12 @@ use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
 use crate::integrate::World;
 use crate::light::Lights;
+use crate::load::baked::{BakedLight, baked_light};
 use crate::load::{self, Loaded};
-use crate::measure::measure;
+use crate::measure::{measure, measure_bake};
 use crate::medium::Media;
 use crate::progress::Progress;
-use crate::scatter::{self, Scattering};
+use crate::scatter::{self, Scattering, Surfaces};
 use crate::scene::{Camera, Scene};
 use crate::sensor::{Film, View};
 use crate::settings::Settings;
@@ -28,6 +29,8 @@ pub struct Picture {
     pub width: u32,
     /// Rows; none: as the camera's shape has it.
     pub height: Option<u32>,
+    /// Whose light is seen.
+    pub light: LightChoice,
     /// Stops by which the PNG is brighter than its middle at a middle grey.
     pub exposure: f32,
 }
@@ -41,6 +44,17 @@ pub enum CameraChoice {
     Named(String),
     /// A place to stand, a place to look at, and the vertical angle of view [degrees].
     At(Vec3, Vec3, f32),
+}
+
+/// Whose light a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightChoice {
+    /// A bake's, where the file has one, else that of the method.
+    Any,
+    /// That of the method.
+    Traced,
+    /// A bake's, by a final gather.
+    Gathered,
 }
 
 /// How a picture came out.
@@ -78,35 +92,65 @@ pub fn render(
     progress.begin("load", 0);
     let mut loaded = load::load_with(scene, &settings.load_options())?;
     added_light::add(&mut loaded, settings)?;
-    refuse_input(&loaded, output)?;
     let camera = choose(&loaded, &picture.camera)?;
     let size = size(&camera, picture);
     if loaded.scene.surfaces.is_empty() && !loaded.scene.has_light() {
         return Err(Error::invalid(scene.display(), "the scene is empty; there is nothing to see"));
     }
-    scatter::adapt(&mut loaded.scene, settings.surfaces);
+    let bake = bake(&mut loaded, picture.light)?;
+    refuse_input(&loaded, output)?;
     let view = View::new(camera, size[0], size[1]);
     let result = Output::new(output, size, picture.exposure)?;
-    let film = expose(&loaded.scene, &view, settings, &result, progress)?;
+    let gathers = picture.light == LightChoice::Gathered;
+    let film =
+        expose(&mut loaded.scene, &view, settings, bake.as_ref().map(|light| (light, gathers)), &result, progress)?;
     result.write(&film)?;
     Ok(Rendered { size, samples: film.passes(), noise: film.noise(), files: result.files, warnings: loaded.warnings })
 }
 
-/// What the view measures, shown as it grows.
-fn expose(scene: &Scene, view: &View, settings: &Settings, output: &Output, progress: &dyn Progress) -> Result<Film> {
+/// The bake that is to be seen.
+fn bake(loaded: &mut Loaded, choice: LightChoice) -> Result<Option<BakedLight>> {
+    if choice == LightChoice::Traced {
+        return Ok(None);
+    }
+    let light = baked_light(loaded)?;
+    if light.is_none() && choice == LightChoice::Gathered {
+        let message = "names no lightmaps for a final gather; give the <stem>.glb of a bake";
+        return Err(Error::invalid(loaded.path().display(), message));
+    }
+    Ok(light)
+}
+
+/// What the view measures, shown as it grows; of a bake, by a final gather or as it is.
+fn expose(
+    scene: &mut Scene,
+    view: &View,
+    settings: &Settings,
+    bake: Option<(&BakedLight, bool)>,
+    output: &Output,
+    progress: &dyn Progress,
+) -> Result<Film> {
+    // A bake knows diffuse surfaces alone.
+    let surfaces = if bake.is_some() { Surfaces::Diffuse } else { settings.surfaces };
+    scatter::adapt(scene, surfaces);
+    let scene = &*scene;
     let tracer = Tracer::new(scene);
     let lights = Lights::new(scene);
-    let scattering = Scattering::new(scene, settings.surfaces);
+    let scattering = Scattering::new(scene, surfaces);
     let media = Media::new(scene);
     let world = World::new(scene, &tracer, &lights, &scattering, &media);
     let mut shown = Instant::now();
-    measure(&world, view, settings, progress, |film| {
+    let show = |film: &Film| {
         if shown.elapsed() < PREVIEW {
             return Ok(());
         }
         shown = Instant::now();
         output.write(film)
-    })
+    };
+    match bake {
+        Some((light, gathers)) => measure_bake(&world, light, view, gathers, settings, progress, show),
+        None => measure(&world, view, settings, progress, show),
+    }
 }
 
 /// The camera that is asked for.

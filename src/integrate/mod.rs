@@ -3,6 +3,7 @@
 //! All of them walk through one [`World`]. A method makes passes: each estimates every pixel once, independently of the others
 //! unless it says otherwise, so that a film tells the noise.
 
+mod baked;
 mod direct;
 pub mod emit;
 mod lamps;
@@ -17,6 +18,7 @@ pub use world::World;
 
 use crate::Result;
 use crate::color::Rgb;
+use crate::load::baked::BakedLight;
 use crate::progress::Progress;
 use crate::sample::{Drawn, sequence::Stage};
 use crate::sensor::{Film, Sensor, Start};
@@ -29,6 +31,16 @@ pub trait Integrator {
     /// # Errors
     /// `Cancelled`; then `film` is as it was.
     fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()>;
+}
+
+/// A bake as a camera sees it.
+pub struct BakedView<'a> {
+    pub world: &'a World<'a>,
+    pub sensor: &'a dyn Sensor,
+    pub light: &'a BakedLight,
+    /// By a final gather.
+    pub gathers: bool,
+    pub seed: u32,
 }
 
 /// What one walk from each pixel tells, by itself.
@@ -55,31 +67,42 @@ const AT_ONCE: usize = 64;
 
 impl Integrator for Pixelwise<'_> {
     fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()> {
-        let index = film.passes();
-        let mut values = vec![Rgb::ZERO; self.sensor.len()];
-        values.par_chunks_mut(AT_ONCE).enumerate().try_for_each(|(chunk, values)| {
-            progress.check()?;
-            for (k, value) in values.iter_mut().enumerate() {
-                *value = self.estimate(chunk * AT_ONCE + k, index);
-            }
-            Ok(())
-        })?;
-        film.add(&values);
-        Ok(())
+        each(self.sensor, self.seed, film, progress, |start, numbers| match self.method {
+            Walk::Path => path::trace(self.world, start, self.max_bounces, numbers),
+            Walk::Ray => whitted::trace(self.world, start, self.max_bounces, numbers),
+        })
     }
 }
 
-impl Pixelwise<'_> {
-    fn estimate(&self, pixel: usize, index: u64) -> Rgb {
-        let mut numbers = Drawn::new(self.seed, Stage::Walk, pixel as u64, index);
-        let Some(start) = self.sensor.start(pixel, &mut numbers) else { return Rgb::ZERO };
-        self.from(start, &mut numbers)
+impl Integrator for BakedView<'_> {
+    fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()> {
+        each(self.sensor, self.seed, film, progress, |start, numbers| match start {
+            Start::Ray(ray) => baked::trace(self.world, self.light, &ray, self.gathers, numbers),
+            // A texel of a bake would read itself.
+            Start::Point(_) => Rgb::ZERO,
+        })
     }
+}
 
-    fn from(&self, start: Start, numbers: &mut Drawn) -> Rgb {
-        match self.method {
-            Walk::Path => path::trace(self.world, start, self.max_bounces, numbers),
-            Walk::Ray => whitted::trace(self.world, start, self.max_bounces, numbers),
+/// Adds a pass in which `walk` estimates each pixel on its own.
+fn each(
+    sensor: &dyn Sensor,
+    seed: u32,
+    film: &mut Film,
+    progress: &dyn Progress,
+    walk: impl Fn(Start, &mut Drawn) -> Rgb + Sync,
+) -> Result<()> {
+    let index = film.passes();
+    let mut values = vec![Rgb::ZERO; sensor.len()];
+    values.par_chunks_mut(AT_ONCE).enumerate().try_for_each(|(chunk, values)| {
+        progress.check()?;
+        for (k, value) in values.iter_mut().enumerate() {
+            let pixel = chunk * AT_ONCE + k;
+            let mut numbers = Drawn::new(seed, Stage::Walk, pixel as u64, index);
+            *value = sensor.start(pixel, &mut numbers).map_or(Rgb::ZERO, |start| walk(start, &mut numbers));
         }
-    }
+        Ok(())
+    })?;
+    film.add(&values);
+    Ok(())
 }

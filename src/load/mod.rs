@@ -1,6 +1,7 @@
 //! Files to a [`Scene`]: glTF and USD readers, images, units. Third-party formats end here.
 
 pub mod access;
+pub mod baked;
 pub mod edits;
 pub mod gltf;
 pub mod ies;

@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn errors_are_those_of_the_passes() {
         let mut film = Film::new(1);
-        [1.0, 3.0, 2.0, 6.0].map(|v| film.add(&[Rgb::splat(v)]));
+        [1.0, 3.0, 2.0, 6.0].into_iter().for_each(|v| film.add(&[Rgb::splat(v)]));
         assert_eq!(film.mean(), [Rgb::splat(3.0)]);
         // Variance of the passes: (4 + 0 + 1 + 9) / 3; of their mean a quarter.
         assert!((film.standard_error()[0] - (14.0f32 / 12.0).sqrt()).abs() < 1e-5);
