@@ -67,7 +67,9 @@ fn gltf_nodes_place_media() {
     let medium = json!({ "extinction": 2, "albedo": [0.5, 0.25, 1], "density": 3 });
     for (skip, surfaces, media) in [(None, 1, 1), (Some(false), 2, 1), (Some(true), 1, 0)] {
         let mut lumel = json!({ "medium": medium });
-        skip.map(|skip| lumel["skip"] = json!(skip));
+        if let Some(skip) = skip {
+            lumel["skip"] = json!(skip);
+        }
         let loaded = load_node("gltf-mesh", json!({ "mesh": 1, "extras": { "lumel": lumel } })).unwrap();
         assert_eq!((loaded.scene.surfaces.len(), loaded.scene.media.len()), (surfaces, media), "skip {skip:?}");
         if media > 0 {
