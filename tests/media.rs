@@ -221,6 +221,20 @@ fn grids_let_through_what_quadrature_says() {
     }
 }
 
+#[test]
+fn little_light_through_thick_grids_is_not_lost() {
+    // Less passes than what ways are followed by chance at.
+    let thick = Medium { absorption: Rgb::new(3.0, 2.5, 2.0), ..cloudy("thick") };
+    let (media, along) = (Media::new(&scene(vec![thick])), ray([-1.0, 0.4, 0.3], [1.0, 0.05, 0.1]));
+    let depth = *depths(&media, &along, 8.0, 40_000).last().unwrap();
+    assert!(depth.min_element() > 1.5 && depth.max_element() < 6.0, "{depth}");
+    let mut tally = Tally::default();
+    for i in 0..80_000 {
+        tally.add(media.transmittance(&along, f32::INFINITY, &mut Random::new(i)));
+    }
+    tally.assert_is("thick", (-depth).exp(), 0.06);
+}
+
 /// Free flights along `along` in `media` against quadrature: where they end, what passes, what is emitted, all three channels.
 fn check_flights(name: &str, media: &Media, along: &Ray, distance: f32, throughput: Rgb) {
     const CELLS: usize = 12;

@@ -100,8 +100,8 @@ impl Body {
         };
         let [near, far] = if self.is_ball { ball(&ray) } else { cube(&ray) }?;
         let span = [near.max(0.0), far.min(f64::from(distance))];
-        // False where either is NaN.
-        if !(span[0] < span[1]) {
+        // Neither where one is NaN.
+        if span[0].partial_cmp(&span[1]) != Some(std::cmp::Ordering::Less) {
             return None;
         }
         let walk = self.grid.as_ref().map(|grid| grid.majorants.walk(&ray, span));

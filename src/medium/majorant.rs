@@ -105,3 +105,35 @@ impl Walk<'_> {
         (self.majorants.most[(z * ny + y) * nx + x], end)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn bounds_hold_everywhere_along_a_ray() {
+        // A lone dense voxel here and there, along sides that cells divide unevenly.
+        let size = [23, 9, 5];
+        let values = (0..size.iter().product()).map(|i| if i % 89 == 0 { 1.0 + (i % 7) as f32 } else { 0.0 }).collect();
+        let grid = DensityGrid::new(size, values).unwrap();
+        let majorants = Majorants::new(&grid);
+        for k in 0..400 {
+            let wave = |a: f64| (f64::from(k) * a).sin() * 0.5 + 0.5;
+            let (from, to) = (DVec3::new(wave(1.1), wave(2.3), wave(3.7)), DVec3::new(wave(4.1), wave(5.3), wave(6.7)));
+            let ray = UnitRay { origin: from, direction: to - from };
+            let mut walk = majorants.walk(&ray, [0.0, 1.0]);
+            let mut t = 0.0;
+            while t < 1.0 {
+                let (bound, border) = walk.bound(t);
+                assert!(border > t);
+                let ends = border.min(1.0);
+                for step in 0..=20 {
+                    let density = grid.at(ray.at(t + (ends - t) * f64::from(step) / 20.0));
+                    assert!(density <= bound, "{density} over {bound} at {t} of ray {k}");
+                }
+                t = border;
+            }
+        }
+    }
+}

@@ -13,7 +13,7 @@ const LITTLE: f32 = 0.05;
 
 impl Media {
     /// The share of the light along `ray` that passes over `distance` [m], which may be infinite, per channel: an estimate without bias,
-    /// at most 1 / 0.05 times the largest transmittance of its bound. Exact, and without a number drawn, where no grid lies in the way.
+    /// never more than 1. Exact, and without a number drawn, where no grid lies in the way.
     pub fn transmittance(&self, ray: &Ray, distance: f32, numbers: &mut impl Numbers) -> Rgb {
         let mut passed = Rgb::ONE;
         let mut depth = Rgb::ZERO;

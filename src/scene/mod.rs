@@ -117,11 +117,13 @@ impl Scene {
         self.lights.iter_mut().for_each(|light| light.links.retain(keep));
     }
 
-    /// True where something shines in the bake: a light or sky that is not dynamic, or an emissive material that a surface uses.
+    /// True where something shines in the bake: a light or sky that is not dynamic, an emissive material that a surface uses, or an
+    /// emissive medium.
     pub fn has_light(&self) -> bool {
         let is_baked = |contribution: &Contribution| contribution.mode() != BakeMode::Dynamic;
         self.environment.iter().flat_map(Environment::each).any(|sky| is_baked(&sky.contribution))
             || self.lights.iter().any(|light| is_baked(&light.contribution))
+            || self.media.iter().any(|medium| medium.emission != crate::color::Rgb::ZERO)
             || self.surfaces.iter().filter(|s| s.role.casts).any(|s| {
                 self.meshes[s.mesh].triangle_material.iter().any(|&m| self.materials[m as usize].is_emissive())
             })

@@ -35,6 +35,9 @@ pub(super) fn read(document: &Document, nodes: &[PlacedNode], scene: &mut Scene)
         let Some(medium) = extras(document, node.index).filter(|_| node.role.skip != Some(true)) else { continue };
         let place = document.place("nodes", node.index);
         let invalid = |fault: String| Error::invalid(&place, format!("extras.lumel.medium: {fault}"));
+        if !medium.is_object() {
+            return Err(invalid("is no object; give it keys such as \"scattering\": 0.1".into()));
+        }
         let request: MediumRequest = document.parse(medium, "nodes", node.index)?;
         if request.name.is_some() || request.center.is_some() || request.size.is_some() {
             return Err(invalid("name, center and size are the node's; leave them out".into()));
