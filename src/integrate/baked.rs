@@ -2,7 +2,7 @@
 //! hemisphere and reads the pages where rays land (Christensen 1999, "Faster Photon Map Global Illumination"; with radiosity
 //! Lischinski et al. 1993): detail finer than a texel comes back.
 
-use super::direct::From;
+use super::direct::{Finder, From};
 use super::vertex::Vertex;
 use super::world::World;
 use crate::color::Rgb;
@@ -35,7 +35,7 @@ fn shown(world: &World, light: &BakedLight, vertex: &Vertex) -> Rgb {
 
 /// Light straight from what shines, and one ray's worth of what the pages send.
 fn gathered(world: &World, light: &BakedLight, vertex: Vertex, numbers: &mut impl Numbers) -> Rgb {
-    let mut sum = world.drawn(&vertex, numbers);
+    let mut sum = world.drawn(&vertex, Finder::Both, numbers);
     let Some(onward) = vertex.go_on(Transport::Radiance, numbers) else { return sum };
     let ray = Ray { origin: vertex.origin(world.tracer, onward.direction), direction: onward.direction };
     let from = Some(From { vertex: &vertex, pdf: onward.pdf });

@@ -36,21 +36,40 @@ pub fn power(own: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
+/// Who finds light that both drawing and the path's next direction could find.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finder {
+    /// Both, each its share.
+    Both,
+    /// Drawing alone.
+    Drawing,
+}
+
+impl Finder {
+    /// The weight of what was drawn with density `own`, and would have been met with `other`.
+    fn drawn(self, own: f32, other: f32) -> f32 {
+        match self {
+            Self::Both => power(own, other),
+            Self::Drawing => 1.0,
+        }
+    }
+}
+
 impl World<'_> {
     /// An estimate of the light that goes back along the path from `vertex`, of what is drawn from all that shines [nit].
-    pub fn drawn(&self, vertex: &Vertex, numbers: &mut impl Numbers) -> Rgb {
+    pub fn drawn(&self, vertex: &Vertex, finder: Finder, numbers: &mut impl Numbers) -> Rgb {
         if vertex.is_delta() {
             return Rgb::ZERO;
         }
         let mut sum = Rgb::ZERO;
         if !self.lights.polygons.is_empty() {
-            sum += self.draw_polygon(vertex, numbers);
+            sum += self.draw_polygon(vertex, finder, numbers);
         }
         if !self.lights.delta.is_empty() {
-            sum += self.draw_delta(vertex, numbers);
+            sum += self.draw_delta(vertex, finder, numbers);
         }
         if self.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) {
-            sum += self.draw_sky(vertex, numbers);
+            sum += self.draw_sky(vertex, finder, numbers);
         }
         if !self.lights.portals.is_empty() {
             sum += self.draw_portals(vertex, numbers);
@@ -58,7 +77,7 @@ impl World<'_> {
         sum
     }
 
-    fn draw_polygon(&self, vertex: &Vertex, numbers: &mut impl Numbers) -> Rgb {
+    fn draw_polygon(&self, vertex: &Vertex, finder: Finder, numbers: &mut impl Numbers) -> Rgb {
         let (choice, at) = (numbers.next(), numbers.next());
         let tree = &self.lights.polygons;
         let Some(choice) = tree.choose(&self.view(vertex), choice) else { return Rgb::ZERO };
@@ -91,11 +110,11 @@ impl World<'_> {
             return Rgb::ZERO;
         }
         let radiance = polygon.radiance_towards(self.scene, to, -towards);
-        response * radiance * passing * (power(density, met) / density)
+        response * radiance * passing * (finder.drawn(density, met) / density)
     }
 
     /// One of the delta lights, drawn by about what each sends here.
-    fn draw_delta(&self, vertex: &Vertex, numbers: &mut impl Numbers) -> Rgb {
+    fn draw_delta(&self, vertex: &Vertex, finder: Finder, numbers: &mut impl Numbers) -> Rgb {
         let mut u = numbers.next();
         let disc = numbers.pair();
         let total: f32 = (0..self.lights.delta.len()).map(|k| self.delta_weight(vertex, k)).sum();
@@ -118,7 +137,7 @@ impl World<'_> {
             return Rgb::ZERO;
         }
         let weight = match self.disc_pdf(light, vertex.position) {
-            Some(pdf) => power(share * pdf, vertex.pdf(arrival.towards, Transport::Radiance)),
+            Some(pdf) => finder.drawn(share * pdf, vertex.pdf(arrival.towards, Transport::Radiance)),
             None => 1.0,
         };
         let passing = self.arriving(vertex, &arrival, light.shade, numbers);
@@ -174,7 +193,7 @@ impl World<'_> {
         self.passing(from, way / length, length, shade, numbers)
     }
 
-    fn draw_sky(&self, vertex: &Vertex, numbers: &mut impl Numbers) -> Rgb {
+    fn draw_sky(&self, vertex: &Vertex, finder: Finder, numbers: &mut impl Numbers) -> Rgb {
         let u = numbers.triple();
         let Some(sky) = &self.lights.sky else { return Rgb::ZERO };
         let Some((towards, pdf)) = sky.sample(u) else { return Rgb::ZERO };
@@ -182,7 +201,7 @@ impl World<'_> {
         if response == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        let weight = power(pdf, vertex.pdf(towards, Transport::Radiance)) / pdf;
+        let weight = finder.drawn(pdf, vertex.pdf(towards, Transport::Radiance)) / pdf;
         let origin = vertex.origin(self.tracer, towards);
         let passing = self.passing(origin, towards, f32::INFINITY, None, numbers);
         response * sky.radiance(self.scene, towards) * passing * weight

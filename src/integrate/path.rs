@@ -1,7 +1,7 @@
 //! Path tracing: one direction from each vertex, drawn as the surface scatters (Kajiya 1986, "The Rendering Equation"; Veach 1997),
 //! light drawn and met at each.
 
-use super::direct::From;
+use super::direct::{Finder, From};
 use super::vertex::Vertex;
 use super::world::World;
 use crate::color::Rgb;
@@ -45,7 +45,7 @@ pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl 
                 absorption: Rgb::ZERO,
                 spread: 1.0,
             };
-            sum += fresh.weight * world.drawn(&receiver, numbers);
+            sum += fresh.weight * world.drawn(&receiver, Finder::Both, numbers);
             leave(world, fresh, receiver, numbers)
         }
     };
@@ -69,7 +69,7 @@ pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl 
             break;
         }
         vertices += 1;
-        sum += at.weight * world.drawn(&vertex, numbers);
+        sum += at.weight * world.drawn(&vertex, Finder::Both, numbers);
         walk = leave(world, at, vertex, numbers).and_then(|next| roulette(next, vertices, numbers));
     }
     if sum.is_finite() { sum } else { Rgb::ZERO }

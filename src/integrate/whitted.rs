@@ -1,6 +1,7 @@
 //! Ray tracing: at each surface light straight from what shines, and the reflected and the refracted ray, as a tree (Whitted 1980, "An
 //! Improved Illumination Model for Shaded Display"). Light that goes another way than over mirrors and glass is left out.
 
+use super::direct::Finder;
 use super::vertex::Vertex;
 use super::world::{World, attenuation};
 use crate::color::Rgb;
@@ -22,7 +23,7 @@ pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl 
     match start {
         Start::Ray(ray) => follow(world, &ray, Rgb::ONE, Rgb::ZERO, levels, numbers),
         // A receiver on a surface gathers what shines on it, and mirrors send it nothing that this method could find.
-        Start::Point(point) => world.drawn(&world.receiver(point), numbers) * PI,
+        Start::Point(point) => lit(world, &world.receiver(point), numbers) * PI,
     }
 }
 
@@ -35,12 +36,24 @@ fn follow(world: &World, ray: &Ray, weight: Rgb, absorption: Rgb, levels: u32, n
     let Some(hit) = hit else { return weight * (sum + tint * world.met_beyond(None, ray.direction)) };
     let vertex = world.vertex(&hit, -ray.direction);
     let dimmed = tint * if absorption == Rgb::ZERO { Rgb::ONE } else { attenuation(absorption, t) };
-    let here = world.met(None, &hit, &vertex) + world.drawn(&vertex, numbers);
+    let here = world.met(None, &hit, &vertex) + lit(world, &vertex, numbers);
     let mut whole = weight * (sum + dimmed * here);
     if levels > 0 {
         whole += branches(world, &vertex, weight * dimmed, absorption, levels - 1, numbers);
     }
     whole
+}
+
+/// Light at `vertex` straight from what shines. A constant sky, which nothing draws, is looked for in one direction.
+fn lit(world: &World, vertex: &Vertex, numbers: &mut impl Numbers) -> Rgb {
+    let drawn = world.drawn(vertex, Finder::Drawing, numbers);
+    let Some(sky) = world.lights.sky.as_ref().filter(|sky| !sky.has_picture()) else { return drawn };
+    let Some(onward) = vertex.go_on(Transport::Radiance, numbers).filter(|onward| onward.pdf > 0.0) else {
+        return drawn;
+    };
+    let from = vertex.origin(world.tracer, onward.direction);
+    let passing = world.passing(from, onward.direction, f32::INFINITY, None, numbers);
+    drawn + onward.weight * passing * sky.radiance(world.scene, onward.direction)
 }
 
 fn branches(

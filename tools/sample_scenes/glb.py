@@ -5,7 +5,7 @@ import struct
 from math import cos, radians, sin
 from pathlib import Path
 
-from .model import Material, Mesh, Scene
+from .model import Material, Mesh, Scene, Vec3
 
 
 def write(scene: Scene, path: Path) -> None:
@@ -38,7 +38,7 @@ def write(scene: Scene, path: Path) -> None:
         for face in mesh.faces:
             first = len(positions)
             positions += [mesh.points[i] for i in face]
-            normals += [mesh.normal(face)] * len(face)
+            normals += [from_centre(mesh.points[i], mesh.smooth) for i in face] if mesh.smooth else [mesh.normal(face)] * len(face)
             for k in range(1, len(face) - 1):
                 triangles += [first, first + k, first + k + 1]
         attributes = {"POSITION": accessor(positions, "VEC3", bounds=True), "NORMAL": accessor(normals, "VEC3")}
@@ -72,10 +72,14 @@ def write(scene: Scene, path: Path) -> None:
             if strength != 1:
                 entry["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
                 strengths = True
+        entry["pbrMetallicRoughness"] |= m.looks.get("pbrMetallicRoughness", {})
+        if extensions := m.looks.get("extensions"):
+            entry["extensions"] = entry.get("extensions", {}) | extensions
         materials.append(entry)
     document: dict = {"asset": {"version": "2.0", "generator": "lumel tools/make_samples", "copyright": scene.comment}}
     transforms = any(m.transform for m in scene.materials)
     used = {"KHR_materials_emissive_strength": strengths, "KHR_texture_transform": transforms}
+    used |= {name: True for m in scene.materials for name in m.looks.get("extensions", {})}
     if any(used.values()):
         document["extensionsUsed"] = [name for name, is_used in used.items() if is_used]
     if textures:
@@ -90,6 +94,8 @@ def write(scene: Scene, path: Path) -> None:
         nodes.append({"name": "camera", "camera": 0, "translation": list(c.eye)})
         if c.yaw or c.pitch:
             nodes[-1]["rotation"] = c.quaternion()
+    for name, at, size, medium in scene.media:
+        nodes.append({"name": name, "translation": list(at), "scale": list(size), "extras": {"lumel": {"medium": medium}}})
     document |= {
         "scene": 0,
         "scenes": [{"name": scene.name, "nodes": list(range(len(nodes)))}],
@@ -108,6 +114,13 @@ def write(scene: Scene, path: Path) -> None:
         struct.pack("<4sIIII", b"glTF", 2, size, len(text), 0x4E4F534A) + text
         + struct.pack("<II", len(binary), 0x004E4942) + bytes(binary)
     )
+
+
+def from_centre(point: Vec3, centre: Vec3) -> Vec3:
+    """The unit vector from the middle of a ball to a point on it."""
+    way = [p - c for p, c in zip(point, centre)]
+    length = sum(v * v for v in way) ** 0.5
+    return tuple(v / length for v in way)
 
 
 def texture(material: Material, textures: list[str]) -> dict:

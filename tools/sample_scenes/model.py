@@ -26,11 +26,14 @@ class Material:
     texture: str | None = None
     transform: Transform | None = None
     double_sided: bool = False
+    # What its glTF says beyond the diffuse, over the rest: `pbrMetallicRoughness`, `extensions`.
+    looks: dict = field(default_factory=dict)
 
 
 @dataclass
 class Mesh:
-    """Polygons, counter-clockwise seen from the front; `uvs` holds one pair a corner."""
+    """Polygons, counter-clockwise seen from the front; `uvs` holds one pair a corner. `smooth`: normals are those of a ball around this
+    point, in glTF."""
 
     name: str
     material: str
@@ -38,6 +41,7 @@ class Mesh:
     faces: list[list[int]]
     uvs: list[tuple[float, float]] | None = None
     double_sided: bool = False
+    smooth: Vec3 | None = None
 
     def normal(self, face: list[int]) -> Vec3:
         """The unit normal of a planar polygon (Newell)."""
@@ -103,6 +107,8 @@ class Scene:
     meshes: list[Mesh]
     camera: Camera | None = None
     instances: list[Instances] = field(default_factory=list)
+    # Media, in glTF alone: a node's name, its place and size, and what `extras.lumel.medium` says.
+    media: list[tuple[str, Vec3, Vec3, dict]] = field(default_factory=list)
 
 
 @dataclass
@@ -181,11 +187,17 @@ class Builder:
                 self.face(*(corners[:1] + corners[2:] if not r0 else corners[:3] if not r1 else corners))
         return self
 
+    def ball(self, centre: Vec3, radius: float, rows: int) -> "Builder":
+        """A ball of `rows` by twice as many columns."""
+        at = [(radius * sin(pi * k / rows), -radius * cos(pi * k / rows)) for k in range(rows + 1)]
+        profile = [(0.0 if k in (0, rows) else r, h) for k, (r, h) in enumerate(at)]
+        return self.lathe(centre, profile, 2 * rows)
+
     def add(self, part: "Builder", place) -> "Builder":
         """The faces of another builder, each point moved by `place`; rounded to the micrometre, so that corners that meet are equal."""
         for face in part.faces:
             self.face(*(tuple(round(v, 6) + 0.0 for v in place(part.points[i])) for i in face))
         return self
 
-    def mesh(self) -> Mesh:
-        return Mesh(self.name, self.material, self.points, self.faces)
+    def mesh(self, smooth: Vec3 | None = None) -> Mesh:
+        return Mesh(self.name, self.material, self.points, self.faces, smooth=smooth)
