@@ -226,7 +226,7 @@ pub struct WalkArgs {
     /// What of materials is seen: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
     pub surfaces: Option<String>,
-    /// Samples of each pixel [1..1048576; default: 64, or as many as the time budget allows]
+    /// Samples of each pixel [1..65536; default: 64, or as many as the time budget allows]
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
     /// Stop after this time; the picture then depends on the machine [s; 0.1..1000000]
@@ -503,7 +503,7 @@ pub struct EffortArgs {
     /// Interreflections counted; 0: direct light only [0..100; default: until the solution has converged]
     #[arg(long, value_name = "N")]
     pub max_bounces: Option<u32>,
-    /// Final gather rays, or paths, for each texel [2..65536, paths 8..65536; default: by --quality]
+    /// Final gather rays, or paths, for each texel [1..65536; default: by --quality]
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
     /// Seed of the random numbers; equal seeds give equal bytes [default: 0]

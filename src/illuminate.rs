@@ -323,6 +323,14 @@ pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     }
 }
 
+/// An error at `place` of the first of `faults` that holds.
+fn refuse_first(place: &str, faults: &[(bool, &str)]) -> Result<()> {
+    match faults.iter().find(|(holds, _)| *holds) {
+        Some((_, message)) => Err(Error::unsupported(place, format!("{message}, or choose radiosity"))),
+        None => Ok(()),
+    }
+}
+
 /// The light by one of the methods that follow rays. It isn't told apart: all of it counts as light between surfaces.
 fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
     let Lit { ground, exposure, lights, .. } = *lit;
@@ -331,6 +339,17 @@ fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progres
         let message = "tells no light of some lights from that of others; choose radiosity, or bake all of each light";
         return Err(Error::invalid(format!("method {name}"), message));
     }
+    let is_apart = |kind: &LayerKind| {
+        matches!(kind, LayerKind::Direct | LayerKind::Indirect | LayerKind::Bounces | LayerKind::LightGroups)
+    };
+    refuse_first(
+        &format!("method {name}"),
+        &[
+            (settings.layers.iter().any(is_apart), "tells no parts of the light apart; leave those layers out"),
+            (settings.directional != Directional::Off, "doesn't tell where light comes from; leave directional out"),
+            (settings.probes.is_some(), "has no probes; leave them out"),
+        ],
+    )?;
     let scattering = Scattering::new(ground.scene, settings.surfaces);
     let media = Media::new(ground.scene);
     let world = World::new(ground.scene, ground.tracer, lights, &scattering, &media);

@@ -5,7 +5,6 @@ use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
 use crate::meshing::MeshMode;
 use crate::post::{Directional, LayerKind, Quantity, denoise::Denoise};
-use crate::reference::BATCHES;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
@@ -43,7 +42,7 @@ impl Settings {
         within("max-texels", self.max_texels, 1, u64::MAX)?;
         within("max-memory", self.max_memory, 1 << 20, u64::MAX)?;
         within("max-bounces", self.max_bounces, 0, 100)?;
-        let least = if self.method == Method::Path { BATCHES } else { 2 };
+        let least = if self.method == Method::Radiosity { 2 } else { 1 };
         within("samples", self.samples, least, 65536)?;
         within("threads", self.threads, 1, 1024)?;
         within("elements", self.elements, 1, MOST_ELEMENTS)?;
@@ -153,7 +152,7 @@ impl Settings {
         refuse_first(&[
             (self.layers.iter().enumerate().any(is_double), "layers", "names a layer twice"),
             (
-                has(LayerKind::Bounces) && self.method == Method::Path,
+                has(LayerKind::Bounces) && self.method != Method::Radiosity,
                 "layers",
                 "paths don't tell bounces apart; leave out bounces, or the method path",
             ),
@@ -173,7 +172,7 @@ impl Settings {
                 "is for the layers ao and bent-normal, and neither is asked for",
             ),
             (
-                self.method == Method::Path && self.bake_lights == BakeMode::Indirect,
+                self.method != Method::Radiosity && self.bake_lights == BakeMode::Indirect,
                 "bake-lights",
                 "paths don't tell direct light of some lights from that of others; leave it out, or the method path",
             ),
@@ -231,8 +230,8 @@ impl Settings {
         if self.solver == Solver::FullMatrix {
             full_matrix::refuse_too_many(self.element_count())?;
         }
-        let is_path = self.method == Method::Path;
-        let for_radiosity = "does nothing with the method path; leave it out";
+        let is_path = self.method != Method::Radiosity;
+        let for_radiosity = "is about radiosity and does nothing with another method; leave it out";
         let is_auto = self.solver == Solver::Auto;
         let is_progressive = is_auto || self.solver == Solver::Progressive;
         let is_full = self.solver == Solver::FullMatrix;
