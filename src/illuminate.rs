@@ -27,8 +27,8 @@ use crate::post::{Directional, LayerKind, Lightmap};
 use crate::probe::{LightProbes, Surroundings, probes};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
-use crate::scene::{BakeMode, Scene, Surface};
 use crate::scatter::{Scattering, Surfaces};
+use crate::scene::{BakeMode, Scene, Surface};
 use crate::sensor::Texels;
 use crate::settings::{Gather, Method, Normals, Settings};
 use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
@@ -205,7 +205,9 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) ->
         (Method::Path, _) if !needs_walks(lit.ground.scene, settings) => {
             paths(lit, &parts, elements(), settings, dump, progress)?
         }
-        (Method::Path | Method::Ray, _) => by_walks(lit, &parts, settings, dump, progress)?,
+        (Method::Path | Method::Ray | Method::Bidirectional | Method::Metropolis, _) => {
+            by_walks(lit, &parts, settings, dump, progress)?
+        }
         (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
         (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
     };
@@ -313,11 +315,13 @@ fn by_elements(
 /// [`trace`], whose paths tell direct light apart and add up to a balance of energy.
 pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     let is_full = settings.surfaces == Surfaces::Full;
-    let uses = |s: &Surface| scene.meshes[s.mesh].triangle_material.iter().any(|&m| scene.materials[m as usize].appearance.is_some());
+    let uses = |s: &Surface| {
+        scene.meshes[s.mesh].triangle_material.iter().any(|&m| scene.materials[m as usize].appearance.is_some())
+    };
     match settings.method {
         Method::Radiosity => false,
         Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),
-        Method::Ray => true,
+        Method::Ray | Method::Bidirectional | Method::Metropolis => true,
     }
 }
 

@@ -1,6 +1,8 @@
 //! What a sensor measures by one of the methods that follow rays, to as many samples, or in as much time, as settings say.
 
 use crate::error::{Error, Result};
+use crate::integrate::bidirectional::Bidirectional;
+use crate::integrate::metropolis::Metropolis;
 use crate::integrate::{Integrator, Pixelwise, Walk, World};
 use crate::progress::Progress;
 use crate::sensor::{Film, Sensor};
@@ -38,13 +40,10 @@ pub fn measure(
 }
 
 /// The method that `settings` ask for.
-fn method<'a>(
-    world: &'a World<'a>,
-    sensor: &'a dyn Sensor,
-    settings: &Settings,
-) -> Result<Box<dyn Integrator + 'a>> {
+fn method<'a>(world: &'a World<'a>, sensor: &'a dyn Sensor, settings: &Settings) -> Result<Box<dyn Integrator + 'a>> {
     let (max_bounces, seed) = (settings.max_bounces, settings.seed);
     let pixelwise = |method| Pixelwise { world, sensor, method, max_bounces, seed };
+    let bidirectional = || Bidirectional::new(world, sensor, max_bounces, seed, settings.method.name());
     match settings.method {
         Method::Ray => {
             if let Some(medium) = world.media.names().next() {
@@ -54,6 +53,8 @@ fn method<'a>(
             Ok(Box::new(pixelwise(Walk::Ray)))
         }
         Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
+        Method::Bidirectional => Ok(Box::new(bidirectional()?)),
+        Method::Metropolis => Ok(Box::new(Metropolis::new(bidirectional()?))),
         Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
     }
 }

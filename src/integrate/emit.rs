@@ -117,6 +117,17 @@ impl Sources {
         }
     }
 
+    /// What is left of `emitted` at `position`: points and spots may have a range (KHR_lights_punctual).
+    pub fn window(&self, world: &World, emitted: &Emitted, position: Vec3) -> f32 {
+        let Source::Delta(number) = emitted.source else { return 1.0 };
+        let (LightShape::Point { range, .. } | LightShape::Spot { range, .. }) = world.lights.delta[number].shape()
+        else {
+            return 1.0;
+        };
+        let distance = emitted.position.distance(position);
+        range.filter(|r| *r > 0.0).map_or(1.0, |r| (1.0 - (distance / r).powi(4)).clamp(0.0, 1.0))
+    }
+
     fn from_sky(&self, world: &World, chance: f32, at: [f32; 2], u: [f32; 3]) -> Option<Emitted> {
         let sky = world.lights.sky.as_ref()?;
         // Half by brightness, half evenly: what a table calls dark may not be.
@@ -284,7 +295,11 @@ fn power(world: &World, source: Source, radius: f32) -> f32 {
                 let z = 1.0 - (2.0 * k as f32 + 1.0) / 64.0;
                 let (sin, cos) = (k as f32 * TAU * 0.618_034).sin_cos();
                 let r = (1.0 - z * z).sqrt();
-                world.lights.sky.as_ref().map_or(0.0, |sky| luminance(sky.radiance(world.scene, Vec3::new(r * cos, z, r * sin))))
+                world
+                    .lights
+                    .sky
+                    .as_ref()
+                    .map_or(0.0, |sky| luminance(sky.radiance(world.scene, Vec3::new(r * cos, z, r * sin))))
             });
             mean.sum::<f32>() / 64.0 * 2.0 * TAU * across
         }
@@ -300,5 +315,9 @@ fn bounds(scene: &Scene) -> (Vec3, f32) {
             (low, high) = (low.min(p), high.max(p));
         }
     }
-    if low.x > high.x { (Vec3::ZERO, 1.0) } else { (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6) * 1.01) }
+    if low.x > high.x {
+        (Vec3::ZERO, 1.0)
+    } else {
+        (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6) * 1.01)
+    }
 }

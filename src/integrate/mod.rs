@@ -3,9 +3,11 @@
 //! All of them walk through one [`World`]. A method makes passes: each estimates every pixel once, independently of the others
 //! unless it says otherwise, so that a film tells the noise.
 
+pub mod bidirectional;
 mod direct;
 pub mod emit;
 mod lamps;
+pub mod metropolis;
 mod path;
 mod vertex;
 mod whitted;

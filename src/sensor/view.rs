@@ -19,7 +19,8 @@ pub struct View {
 impl View {
     /// A picture of `width` x `height` pixels, each at least 1. It sees the camera's whole height.
     pub fn new(camera: Camera, width: u32, height: u32) -> Self {
-        let (Projection::Perspective { half_height, .. } | Projection::Orthographic { half_height }) = camera.projection;
+        let (Projection::Perspective { half_height, .. } | Projection::Orthographic { half_height }) =
+            camera.projection;
         let half = Vec2::new(half_height * width as f32 / height as f32, half_height);
         Self { camera, width, height, half }
     }
@@ -61,7 +62,10 @@ impl View {
         let Camera { position, world_from_camera, .. } = self.camera;
         let on_plane = self.half * (place + self.shift());
         if let Projection::Orthographic { .. } = self.camera.projection {
-            return Ray { origin: position + world_from_camera * on_plane.extend(0.0), direction: -world_from_camera.z_axis };
+            return Ray {
+                origin: position + world_from_camera * on_plane.extend(0.0),
+                direction: -world_from_camera.z_axis,
+            };
         }
         let through = on_plane.extend(-1.0);
         let Some(lens) = self.camera.lens else {
@@ -76,6 +80,10 @@ impl View {
 impl Sensor for View {
     fn len(&self) -> usize {
         self.width as usize * self.height as usize
+    }
+
+    fn size(&self) -> Option<[u32; 2]> {
+        Some([self.width, self.height])
     }
 
     fn start(&self, pixel: usize, numbers: &mut dyn Numbers) -> Option<Start> {
