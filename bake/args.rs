@@ -220,8 +220,9 @@ pub struct ViewArgs {
 #[command(next_help_heading = "Effort")]
 #[serde(rename_all = "kebab-case")]
 pub struct WalkArgs {
-    /// path: paths from the camera; ray: light straight from what shines, over mirrors and through glass [default: path]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray"]))]
+    /// path: paths from the camera; ray: light straight from what shines, over mirrors and through glass; bidirectional: paths
+    /// from the camera and from lights, joined; metropolis: chains of such paths, for light that is hard to find [default: path]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray", "bidirectional", "metropolis"]))]
     pub method: Option<String>,
     /// What of materials is seen: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
@@ -485,9 +486,10 @@ pub struct SolverArgs {
 #[serde(rename_all = "kebab-case")]
 pub struct EffortArgs {
     /// radiosity: light exchanged between surfaces, see --gather; path: paths from each texel, slower, the reference for
-    /// the other; ray: light straight from what shines alone. Methods other than radiosity see mirrors, metals, glass and media
+    /// the other; ray: light straight from what shines alone; bidirectional: paths from texels and from lights, joined; metropolis:
+    /// chains of such paths, for light that is hard to find. Methods other than radiosity see mirrors, metals, glass and media
     /// [default: radiosity]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "ray"]))]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "ray", "bidirectional", "metropolis"]))]
     pub method: Option<String>,
     /// What of materials methods other than radiosity see: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]

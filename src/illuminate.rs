@@ -205,7 +205,9 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) ->
         (Method::Path, _) if !needs_walks(lit.ground.scene, settings) => {
             paths(lit, &parts, elements(), settings, dump, progress)?
         }
-        (Method::Path | Method::Ray, _) => by_walks(lit, &parts, settings, dump, progress)?,
+        (Method::Path | Method::Ray | Method::Bidirectional | Method::Metropolis, _) => {
+            by_walks(lit, &parts, settings, dump, progress)?
+        }
         (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
         (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
     };
@@ -319,7 +321,7 @@ pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     match settings.method {
         Method::Radiosity => false,
         Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),
-        Method::Ray => true,
+        Method::Ray | Method::Bidirectional | Method::Metropolis => true,
     }
 }
 

@@ -1,6 +1,8 @@
 //! What a sensor measures by one of the methods that follow rays, to as many samples, or in as much time, as settings say.
 
 use crate::error::{Error, Result};
+use crate::integrate::bidirectional::Bidirectional;
+use crate::integrate::metropolis::Metropolis;
 use crate::integrate::{BakedView, Integrator, Pixelwise, Walk, World};
 use crate::load::baked::BakedLight;
 use crate::progress::Progress;
@@ -69,6 +71,7 @@ fn expose(
 fn method<'a>(world: &'a World<'a>, sensor: &'a dyn Sensor, settings: &Settings) -> Result<Box<dyn Integrator + 'a>> {
     let (max_bounces, seed) = (settings.max_bounces, settings.seed);
     let pixelwise = |method| Pixelwise { world, sensor, method, max_bounces, seed };
+    let bidirectional = || Bidirectional::new(world, sensor, max_bounces, seed, settings.method.name());
     match settings.method {
         Method::Ray => {
             if let Some(medium) = world.media.names().next() {
@@ -78,6 +81,8 @@ fn method<'a>(world: &'a World<'a>, sensor: &'a dyn Sensor, settings: &Settings)
             Ok(Box::new(pixelwise(Walk::Ray)))
         }
         Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
+        Method::Bidirectional => Ok(Box::new(bidirectional()?)),
+        Method::Metropolis => Ok(Box::new(Metropolis::new(bidirectional()?))),
         Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
     }
 }

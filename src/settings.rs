@@ -218,6 +218,10 @@ pub enum Method {
     Path,
     /// Light straight from what shines, over mirrors and through glass.
     Ray,
+    /// Paths from sensors and from lights, joined: for light that is hard to find from either side.
+    Bidirectional,
+    /// Chains of such paths, each a small change of the one before where that brings light (Metropolis light transport).
+    Metropolis,
 }
 
 impl Method {
@@ -227,7 +231,14 @@ impl Method {
             Self::Radiosity => "radiosity",
             Self::Path => "path",
             Self::Ray => "ray",
+            Self::Bidirectional => "bidirectional",
+            Self::Metropolis => "metropolis",
         }
+    }
+
+    /// True of all but radiosity.
+    pub fn follows_rays(self) -> bool {
+        self != Self::Radiosity
     }
 }
 
@@ -407,7 +418,7 @@ impl Settings {
     /// How texels get their light.
     pub fn gather(&self) -> Gather {
         match self.gather {
-            Gather::Auto if self.method == Method::Path || self.asks_for_elements() => Gather::Final,
+            Gather::Auto if self.method.follows_rays() || self.asks_for_elements() => Gather::Final,
             Gather::Auto => Gather::Blocks,
             chosen => chosen,
         }
@@ -453,7 +464,7 @@ impl Settings {
     /// How noise is taken out, the filter chosen. Paths are the reference, and stay as they are unless a filter is named.
     pub fn denoise_params(&self) -> DenoiseParams {
         let filter = match self.denoise {
-            Denoise::Auto if self.method == Method::Path => Denoise::Off,
+            Denoise::Auto if self.method.follows_rays() => Denoise::Off,
             Denoise::Auto => Denoise::Builtin,
             chosen => chosen,
         };

@@ -145,7 +145,7 @@ impl World<'_> {
     }
 
     /// What delta light `k` is drawn in proportion to: what its middle sends.
-    fn delta_weight(&self, vertex: &Vertex, k: usize) -> f32 {
+    pub(super) fn delta_weight(&self, vertex: &Vertex, k: usize) -> f32 {
         let light = &self.lights.delta[k];
         if !light.shines_on(surface(vertex)) {
             return 0.0;
@@ -161,13 +161,13 @@ impl World<'_> {
     }
 
     /// The share with which delta light `k` is drawn at `vertex`.
-    fn delta_share(&self, vertex: &Vertex, k: usize) -> f32 {
+    pub(super) fn delta_share(&self, vertex: &Vertex, k: usize) -> f32 {
         let total: f32 = (0..self.lights.delta.len()).map(|k| self.delta_weight(vertex, k)).sum();
         self.delta_weight(vertex, k) / total
     }
 
     /// Density [1/sr] of directions over the disc that a light shows to `position`; `None` of points and sharp suns.
-    fn disc_pdf(&self, light: &DeltaLight, position: Vec3) -> Option<f32> {
+    pub(super) fn disc_pdf(&self, light: &DeltaLight, position: Vec3) -> Option<f32> {
         match light.shape() {
             LightShape::Directional { angle, .. } if *angle > 0.0 => {
                 Some(cap_pdf((0.5 * angle.min(std::f32::consts::TAU)).cos()))
@@ -183,7 +183,13 @@ impl World<'_> {
         }
     }
 
-    fn arriving(&self, vertex: &Vertex, arrival: &Arrival, shade: Option<u16>, numbers: &mut impl Numbers) -> Rgb {
+    pub(super) fn arriving(
+        &self,
+        vertex: &Vertex,
+        arrival: &Arrival,
+        shade: Option<u16>,
+        numbers: &mut impl Numbers,
+    ) -> Rgb {
         let from = vertex.shadow_origin(self.tracer, arrival.towards);
         if arrival.distance.is_infinite() {
             return self.passing(from, arrival.towards, f32::INFINITY, shade, numbers);
@@ -286,7 +292,7 @@ impl World<'_> {
         }
     }
 
-    fn view(&self, vertex: &Vertex) -> Viewpoint {
+    pub(super) fn view(&self, vertex: &Vertex) -> Viewpoint {
         Viewpoint { position: vertex.position, normal: vertex.facing(), tolerance: self.tracer.offset() }
     }
 }

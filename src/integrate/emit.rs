@@ -117,6 +117,17 @@ impl Sources {
         }
     }
 
+    /// What is left of `emitted` at `position`: points and spots may have a range (KHR_lights_punctual).
+    pub fn window(&self, world: &World, emitted: &Emitted, position: Vec3) -> f32 {
+        let Source::Delta(number) = emitted.source else { return 1.0 };
+        let (LightShape::Point { range, .. } | LightShape::Spot { range, .. }) = world.lights.delta[number].shape()
+        else {
+            return 1.0;
+        };
+        let distance = emitted.position.distance(position);
+        range.filter(|r| *r > 0.0).map_or(1.0, |r| (1.0 - (distance / r).powi(4)).clamp(0.0, 1.0))
+    }
+
     fn from_sky(&self, world: &World, chance: f32, at: [f32; 2], u: [f32; 3]) -> Option<Emitted> {
         let sky = world.lights.sky.as_ref()?;
         // Half by brightness, half evenly: what a table calls dark may not be.

@@ -4,9 +4,11 @@
 //! unless it says otherwise, so that a film tells the noise.
 
 mod baked;
+pub mod bidirectional;
 mod direct;
 pub mod emit;
 mod lamps;
+pub mod metropolis;
 mod path;
 mod vertex;
 mod whitted;

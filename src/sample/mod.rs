@@ -8,6 +8,6 @@ pub mod spherical;
 pub mod warp;
 
 pub use discrete::Discrete;
-pub use numbers::{Drawn, Numbers};
+pub use numbers::{Drawn, Numbers, Random};
 pub use sequence::Sequence;
 pub use spherical::SphericalTriangle;

@@ -1,6 +1,6 @@
 //! Numbers in [0, 1) one after the other, for walks that don't know beforehand how many they take.
 
-use super::sequence::{Sequence, Stage};
+use super::sequence::{Sequence, Stage, mix};
 
 /// What a walk draws from. Walks that draw the same numbers take the same way.
 pub trait Numbers {
@@ -31,6 +31,26 @@ pub struct Drawn {
     set: u32,
     four: [f32; 4],
     taken: usize,
+}
+
+/// Numbers independent of each other, for chains, which evenly spread ones would lead astray (SplitMix64: Steele, Lea, Flood 2014).
+#[derive(Clone, Debug)]
+pub struct Random {
+    state: u64,
+}
+
+impl Random {
+    /// Numbers of `stream` under the user's `seed`.
+    pub fn new(seed: u32, stream: u64) -> Self {
+        Self { state: mix(mix(u64::from(seed) ^ (u64::from(Stage::Chain as u32) << 56)) ^ stream) }
+    }
+}
+
+impl Numbers for Random {
+    fn next(&mut self) -> f32 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        (mix(self.state) >> 40) as f32 / (1u32 << 24) as f32
+    }
 }
 
 /// Bits of a receiver's number; those above tell its sequences apart.

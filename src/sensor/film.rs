@@ -10,22 +10,38 @@ pub struct Film {
     halves: [Vec<DVec3>; 2],
     /// Sums of squared luminances.
     squares: Vec<f64>,
+    /// Independent estimates that were added.
+    estimates: u64,
     passes: u64,
 }
 
 impl Film {
     /// A film of so many pixels.
     pub fn new(pixels: usize) -> Self {
-        Self { halves: [vec![DVec3::ZERO; pixels], vec![DVec3::ZERO; pixels]], squares: vec![0.0; pixels], passes: 0 }
+        Self {
+            halves: [vec![DVec3::ZERO; pixels], vec![DVec3::ZERO; pixels]],
+            squares: vec![0.0; pixels],
+            estimates: 0,
+            passes: 0,
+        }
+    }
+
+    /// Puts independent estimates of every pixel, as they are after `passes` passes of a method whose passes depend on each
+    /// other, in the place of all that was added.
+    pub fn replace(&mut self, estimates: &[Vec<Rgb>], passes: u64) {
+        *self = Self::new(self.squares.len());
+        estimates.iter().for_each(|values| self.add(values));
+        self.passes = passes;
     }
 
     /// Adds a pass that estimates every pixel.
     pub fn add(&mut self, values: &[Rgb]) {
-        let half = &mut self.halves[(self.passes % 2) as usize];
+        let half = &mut self.halves[(self.estimates % 2) as usize];
         for ((sum, square), value) in half.iter_mut().zip(&mut self.squares).zip(values) {
             *sum += value.as_dvec3();
             *square += f64::from(luminance(*value)).powi(2);
         }
+        self.estimates += 1;
         self.passes += 1;
     }
 
@@ -36,7 +52,7 @@ impl Film {
 
     /// The mean of each pixel.
     pub fn mean(&self) -> Vec<Rgb> {
-        let n = self.passes.max(1) as f64;
+        let n = self.estimates.max(1) as f64;
         let [even, odd] = &self.halves;
         even.iter().zip(odd).map(|(a, b)| ((*a + *b) / n).as_vec3()).collect()
     }
@@ -44,7 +60,7 @@ impl Film {
     /// Half the difference between the means over even and over odd passes: noise as large as that of the mean, where passes
     /// are independent. Zero before the second pass.
     pub fn difference(&self) -> Vec<Rgb> {
-        let [even, odd] = [self.passes.div_ceil(2), self.passes / 2].map(|n| n as f64);
+        let [even, odd] = [self.estimates.div_ceil(2), self.estimates / 2].map(|n| n as f64);
         let [a, b] = &self.halves;
         if odd == 0.0 {
             return vec![Rgb::ZERO; a.len()];
@@ -54,8 +70,8 @@ impl Film {
 
     /// Standard error of each pixel's luminance, where passes are independent; zero before the second pass.
     pub fn standard_error(&self) -> Vec<f32> {
-        let n = self.passes as f64;
-        if self.passes < 2 {
+        let n = self.estimates as f64;
+        if self.estimates < 2 {
             return vec![0.0; self.squares.len()];
         }
         let error = |(mean, square): (&Rgb, &f64)| {

@@ -25,6 +25,11 @@ pub trait Sensor: Sync {
         self.len() == 0
     }
 
+    /// Width and height of a picture, whose pixels go row by row; `None` of sensors that lie on surfaces.
+    fn size(&self) -> Option<[u32; 2]> {
+        None
+    }
+
     /// Where a walk from `pixel` starts, uniform over it; `None` where the pixel measures nothing.
     fn start(&self, pixel: usize, numbers: &mut dyn Numbers) -> Option<Start>;
 
@@ -38,6 +43,11 @@ pub trait Sensor: Sync {
 
     /// The pixel that a hit lies in, of sensors that lie on surfaces.
     fn under(&self, hit: &Hit) -> Option<usize>;
+
+    /// The point of a surface as a sensor that lies on it measures there: about which normal.
+    fn receives(&self, point: SurfacePoint) -> SurfacePoint {
+        point
+    }
 
     /// Area that `pixel` has on a surface [m^2]; 1 of a camera's.
     fn area(&self, pixel: usize) -> f32;

@@ -1,7 +1,7 @@
 //! The texels of an atlas, on the fronts of surfaces.
 
 use super::{Seen, Sensor, Start};
-use crate::patch::{Ground, unocclude::Exposure};
+use crate::patch::{Ground, SurfacePoint, unocclude::Exposure};
 use crate::sample::Numbers;
 use crate::trace::Hit;
 use glam::Vec3;
@@ -30,7 +30,7 @@ impl Sensor for Texels<'_> {
         }
         footprint.restrict(self.exposure.cells[pixel]);
         let point = footprint.sample(at);
-        Some(Start::Point(if self.shading_normals { point } else { point.flat() }))
+        Some(Start::Point(self.receives(point)))
     }
 
     fn see(&self, _: Vec3, _: [f32; 2]) -> Option<Seen> {
@@ -44,6 +44,10 @@ impl Sensor for Texels<'_> {
     fn under(&self, hit: &Hit) -> Option<usize> {
         let patch = self.ground.patch_under(hit).filter(|_| !hit.back)?;
         (!self.exposure.is_buried(patch)).then_some(patch)
+    }
+
+    fn receives(&self, point: SurfacePoint) -> SurfacePoint {
+        if self.shading_normals { point } else { point.flat() }
     }
 
     fn area(&self, pixel: usize) -> f32 {

@@ -82,6 +82,10 @@ impl Sensor for View {
         self.width as usize * self.height as usize
     }
 
+    fn size(&self) -> Option<[u32; 2]> {
+        Some([self.width, self.height])
+    }
+
     fn start(&self, pixel: usize, numbers: &mut dyn Numbers) -> Option<Start> {
         let at = numbers.pair();
         let u = if self.camera.lens.is_some() { numbers.pair() } else { [0.5; 2] };

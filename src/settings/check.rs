@@ -152,9 +152,9 @@ impl Settings {
         refuse_first(&[
             (self.layers.iter().enumerate().any(is_double), "layers", "names a layer twice"),
             (
-                has(LayerKind::Bounces) && self.method != Method::Radiosity,
+                has(LayerKind::Bounces) && self.method.follows_rays(),
                 "layers",
-                "paths don't tell bounces apart; leave out bounces, or the method path",
+                "paths don't tell bounces apart; leave out bounces, or choose the method radiosity",
             ),
             (
                 has(LayerKind::Bounces) && self.iterations.is_some(),
@@ -172,9 +172,9 @@ impl Settings {
                 "is for the layers ao and bent-normal, and neither is asked for",
             ),
             (
-                self.method != Method::Radiosity && self.bake_lights == BakeMode::Indirect,
+                self.method.follows_rays() && self.bake_lights == BakeMode::Indirect,
                 "bake-lights",
-                "paths don't tell direct light of some lights from that of others; leave it out, or the method path",
+                "paths don't tell direct light of some lights from that of others; leave it out, or choose the method radiosity",
             ),
             (
                 has(LayerKind::Error) && self.gather == Gather::None,
@@ -230,8 +230,8 @@ impl Settings {
         if self.solver == Solver::FullMatrix {
             full_matrix::refuse_too_many(self.element_count())?;
         }
-        let is_path = self.method != Method::Radiosity;
-        let for_radiosity = "is about radiosity and does nothing with another method; leave it out";
+        let is_path = self.method.follows_rays();
+        let for_radiosity = "does nothing with methods that follow rays; leave it out";
         let is_auto = self.solver == Solver::Auto;
         let is_progressive = is_auto || self.solver == Solver::Progressive;
         let is_full = self.solver == Solver::FullMatrix;

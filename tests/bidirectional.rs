@@ -1,0 +1,163 @@
+//! Bidirectional path tracing: known radiance, every strategy by itself, and paths of the other method.
+
+mod support;
+mod walks;
+
+use glam::Vec3;
+use lumel::color::Rgb;
+use lumel::error::Error;
+use lumel::integrate::bidirectional::{Bidirectional, Strategy};
+use lumel::scene::{Environment, Light, LightShape, Scene};
+use lumel::sensor::{Sensor, View};
+use support::{Quad, room, scene};
+use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, passes_of, view};
+
+/// Runs of `way` on `scene` through the view, 16 x 16 pixels in blocks of 4.
+fn runs(scene: Scene, view: &View, way: Way, passes: u32, bounces: Option<u32>) -> Runs {
+    let prepared = Prepared::new(scene);
+    let world = prepared.world();
+    Runs::of(16, |seed| blocks(&film(way, &world, view, passes, bounces, seed).mean(), 16, 4))
+}
+
+fn assert_agree(name: &str, a: &Runs, b: &Runs, most: f64) {
+    let [spread, mean, off] = a.against(b);
+    println!("{name}: spread {spread:.2}, mean z {mean:+.2}, whole {:+.3} % of {:.4}", 100.0 * off, b.whole());
+    assert!(spread < 1.5 && mean.abs() < 1.0 && off.abs() < most, "{name}: {spread} {mean} {off}");
+}
+
+#[test]
+fn a_furnace_is_even() {
+    // Everything emits 1 nit and reflects half.
+    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
+    let prepared = Prepared::new(scene(&quads));
+    let camera = lumel::scene::Camera::look_at(Vec3::new(1.0, 0.5, 2.5), Vec3::new(1.0, 0.4, 0.0), 1.0).unwrap();
+    let view = View::new(camera, 16, 16);
+    let film = film(Way::Bidirectional, &prepared.world(), &view, 64, None, 0);
+    let mean = blocks(&film.mean(), 16, 16)[0];
+    println!("{mean}");
+    assert!((mean / 2.0 - 1.0).abs() < 0.01, "{mean}");
+}
+
+#[test]
+fn pictures_agree_with_those_of_paths() {
+    for standing in [Standing::Diffuse, Standing::Mirror, Standing::Glass, Standing::Glossy, Standing::Coated] {
+        let view = view(16, 16);
+        let paths = runs(cornell(standing), &view, Way::Path, 64, None);
+        let both = runs(cornell(standing), &view, Way::Bidirectional, 16, None);
+        assert_agree(&format!("{standing:?}"), &both, &paths, 0.02);
+    }
+}
+
+#[test]
+fn every_strategy_finds_all_light_by_itself() {
+    // Light after one reflection, and after two: whoever finds it finds all of it.
+    let prepared = Prepared::new(cornell(Standing::Diffuse));
+    let (world, view) = (prepared.world(), view(16, 16));
+    let alone = |from_light, from_eye, passes| {
+        Runs::of(16, |seed| {
+            let mut both = Bidirectional::new(&world, &view, None, seed, "").unwrap();
+            both.only = Some(Strategy { from_light, from_eye });
+            blocks(&passes_of(&mut both, &view, passes).mean(), 16, 4)
+        })
+    };
+    for places in [3, 4, 5] {
+        let drawn = alone(1, places - 1, 64);
+        for from_light in (0..places).filter(|s| *s != 1) {
+            let passes = if from_light == 0 || from_light + 1 == places { 128 } else { 32 };
+            let name = format!("{from_light} from the light, {} from the eye", places - from_light);
+            assert_agree(&name, &alone(from_light, places - from_light, passes), &drawn, 0.05);
+        }
+    }
+}
+
+/// A box without a lid under each kind of light.
+fn open_box(lights: Vec<LightShape>, sky: Option<Environment>) -> Scene {
+    let mut quads: Vec<Quad> = room([2.0; 3]).into_iter().map(|q| q.albedo(0.6)).collect();
+    quads.remove(1);
+    let mut scene = scene(&quads);
+    scene.lights = lights.into_iter().map(|shape| Light::new("lamp", shape)).collect();
+    scene.environment = sky;
+    scene
+}
+
+#[test]
+fn light_of_every_kind_sets_out_as_it_is_drawn() {
+    let position = Vec3::new(0.7, 1.6, 0.9);
+    let (intensity, radiance) = (Rgb::splat(3.0), Rgb::splat(5.0));
+    let down = Vec3::new(0.3, -1.0, 0.1).normalize();
+    let axes = glam::Affine3A::from_translation(position) * glam::Affine3A::from_scale(Vec3::splat(0.2));
+    let kinds: Vec<(&str, Vec<LightShape>, Option<Environment>)> = vec![
+        ("point", vec![LightShape::Point { position, intensity, range: Some(2.0) }], None),
+        (
+            "spot",
+            vec![LightShape::Spot { position, direction: down, intensity, inner: 0.3, outer: 0.7, range: None }],
+            None,
+        ),
+        ("sun", vec![LightShape::Directional { direction: down, illuminance: intensity, angle: 0.0 }], None),
+        ("wide sun", vec![LightShape::Directional { direction: down, illuminance: intensity, angle: 0.4 }], None),
+        ("rect", vec![LightShape::Rect { center: position, u: Vec3::X * 0.3, v: Vec3::Z * -0.3, radiance }], None),
+        ("ball", vec![LightShape::Sphere { world_from_unit: axes, radiance }], None),
+        ("sky", Vec::new(), Some(Environment::constant("sky", Rgb::ONE))),
+        (
+            "all",
+            vec![
+                LightShape::Point { position, intensity, range: None },
+                LightShape::Directional { direction: down, illuminance: intensity, angle: 0.4 },
+                LightShape::Sphere { world_from_unit: axes, radiance },
+            ],
+            Some(Environment::constant("sky", Rgb::ONE)),
+        ),
+    ];
+    for (name, lights, sky) in kinds {
+        let view = view(16, 16);
+        let paths = runs(open_box(lights.clone(), sky.clone()), &view, Way::Path, 64, None);
+        let both = runs(open_box(lights.clone(), sky.clone()), &view, Way::Bidirectional, 16, None);
+        assert_agree(name, &both, &paths, 0.02);
+        // Set out alone, as far as weights go unasked: two reflections, joined from a light's second place.
+        let prepared = Prepared::new(open_box(lights, sky));
+        let world = prepared.world();
+        let alone = |from_light, from_eye| {
+            Runs::of(16, |seed| {
+                let mut both = Bidirectional::new(&world, &view, None, seed, "").unwrap();
+                both.only = Some(Strategy { from_light, from_eye });
+                blocks(&passes_of(&mut both, &view, 64).mean(), 16, 4)
+            })
+        };
+        if name != "sky" && name != "all" {
+            assert_agree(&format!("{name}, set out"), &alone(2, 2), &alone(1, 3), 0.03);
+        }
+    }
+}
+
+#[test]
+fn bounces_are_counted_alike() {
+    for bounces in [0, 1, 3] {
+        let view = view(16, 16);
+        let paths = runs(cornell(Standing::Diffuse), &view, Way::Path, 64, Some(bounces));
+        let both = runs(cornell(Standing::Diffuse), &view, Way::Bidirectional, 16, Some(bounces));
+        assert_agree(&format!("{bounces} bounces"), &both, &paths, 0.02);
+    }
+}
+
+#[test]
+fn the_same_bits_for_one_and_two_threads() {
+    let prepared = Prepared::new(cornell(Standing::Glossy));
+    let (world, view) = (prepared.world(), view(24, 16));
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let film = pool.install(|| film(Way::Bidirectional, &world, &view, 3, None, 7));
+        film.mean().iter().map(|v| v.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+    };
+    assert_eq!(run(1), run(2));
+}
+
+#[test]
+fn what_is_not_followed_from_both_sides_is_refused_by_name() {
+    let mut scene = open_box(vec![LightShape::Point { position: Vec3::ONE, intensity: Rgb::ONE, range: None }], None);
+    scene.lights[0].links.lit = lumel::scene::Linked::only(vec![true, false, true, true, true]);
+    let prepared = Prepared::new(scene);
+    let (world, view) = (prepared.world(), view(4, 4));
+    let refused = Bidirectional::new(&world, &view, None, 0, "bidirectional").err().unwrap();
+    assert!(matches!(&refused, Error::Unsupported { place, .. } if place == "lamp"), "{refused}");
+    assert!(view.len() == 16);
+}

@@ -1,0 +1,74 @@
+//! Metropolis light transport: known radiance, and paths of the other methods.
+
+mod support;
+mod walks;
+
+use glam::Vec3;
+use lumel::integrate::bidirectional::Bidirectional;
+use lumel::integrate::metropolis::Metropolis;
+use lumel::sensor::View;
+use support::{Quad, room, scene};
+use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, passes_of, view};
+
+#[test]
+fn a_furnace_is_even() {
+    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
+    let prepared = Prepared::new(scene(&quads));
+    let camera = lumel::scene::Camera::look_at(Vec3::new(1.0, 0.5, 2.5), Vec3::new(1.0, 0.4, 0.0), 1.0).unwrap();
+    let view = View::new(camera, 16, 16);
+    let film = film(Way::Metropolis, &prepared.world(), &view, 64, None, 0);
+    let values = film.mean();
+    let mean = blocks(&values, 16, 16)[0];
+    let (rough, noise) = (blocks(&values, 16, 4), film.noise());
+    println!("{mean}, blocks {rough:.3?}, noise {noise}");
+    assert!((mean / 2.0 - 1.0).abs() < 0.01, "{mean}");
+    assert!(rough.iter().all(|v| (v / 2.0 - 1.0).abs() < 0.1), "{rough:?}");
+}
+
+#[test]
+fn pictures_agree_with_those_of_paths() {
+    for standing in [Standing::Diffuse, Standing::Mirror, Standing::Glass, Standing::Glossy] {
+        let prepared = Prepared::new(cornell(standing));
+        let (world, view) = (prepared.world(), view(16, 16));
+        let runs =
+            |way, passes| Runs::of(16, |seed| blocks(&film(way, &world, &view, passes, None, seed).mean(), 16, 4));
+        let (paths, chains) = (runs(Way::Path, 64), runs(Way::Metropolis, 64));
+        let [spread, mean, off] = chains.against(&paths);
+        println!("{standing:?}: spread {spread:.2}, mean z {mean:+.2}, whole {:+.3} %", 100.0 * off);
+        assert!(spread < 1.5 && mean.abs() < 1.0 && off.abs() < 0.02, "{standing:?}: {spread} {mean} {off}");
+    }
+}
+
+#[test]
+fn groups_tell_an_honest_error() {
+    // Errors against the truth are as large as groups say.
+    let prepared = Prepared::new(cornell(Standing::Diffuse));
+    let (world, view) = (prepared.world(), view(16, 16));
+    let truth = blocks(&film(Way::Bidirectional, &world, &view, 1024, None, 9).mean(), 16, 1);
+    let (mut squares, mut expected) = (0.0, 0.0);
+    for seed in 0..12 {
+        let film = film(Way::Metropolis, &world, &view, 64, None, seed);
+        let values = blocks(&film.mean(), 16, 1);
+        squares += values.iter().zip(&truth).map(|(v, t)| (v - t).powi(2)).sum::<f64>();
+        expected += film.standard_error().iter().map(|e| f64::from(*e).powi(2)).sum::<f64>();
+    }
+    let ratio = (squares / expected).sqrt();
+    println!("error over what groups say: {ratio:.3}");
+    assert!((0.85..1.2).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn the_same_bits_for_one_and_two_threads() {
+    let prepared = Prepared::new(cornell(Standing::Glass));
+    let (world, view) = (prepared.world(), view(24, 16));
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let film = pool.install(|| {
+            let both = Bidirectional::new(&world, &view, None, 7, "").unwrap();
+            passes_of(&mut Metropolis::new(both), &view, 3)
+        });
+        assert_eq!(film.passes(), 3);
+        film.mean().iter().map(|v| v.to_array().map(f32::to_bits)).collect::<Vec<_>>()
+    };
+    assert_eq!(run(1), run(2));
+}
