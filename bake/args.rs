@@ -215,8 +215,9 @@ pub struct ViewArgs {
 #[command(next_help_heading = "Effort")]
 #[serde(rename_all = "kebab-case")]
 pub struct WalkArgs {
-    /// path: paths from the camera; ray: light straight from what shines, over mirrors and through glass [default: path]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray"]))]
+    /// path: paths from the camera; ray: light straight from what shines, over mirrors and through glass; photon: photons from
+    /// what shines, for light that mirrors and glass gather [default: path]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray", "photon"]))]
     pub method: Option<String>,
     /// What of materials is seen: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
@@ -480,8 +481,8 @@ pub struct SolverArgs {
 #[serde(rename_all = "kebab-case")]
 pub struct EffortArgs {
     /// radiosity: light exchanged between surfaces, see --gather; path: paths from each texel, slower, the reference for
-    /// the other [default: radiosity]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path"]))]
+    /// the other; photon: photons from what shines, for light that mirrors and glass gather [default: radiosity]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "photon"]))]
     pub method: Option<String>,
     /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area
     /// averages, without the worst 1 % of texels [0.05%..50%; default: 5%, 2%, 1% or 0.5% by --quality]

@@ -205,7 +205,7 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) ->
         (Method::Path, _) if !needs_walks(lit.ground.scene, settings) => {
             paths(lit, &parts, elements(), settings, dump, progress)?
         }
-        (Method::Path | Method::Ray, _) => by_walks(lit, &parts, settings, dump, progress)?,
+        (Method::Path | Method::Ray | Method::Photon, _) => by_walks(lit, &parts, settings, dump, progress)?,
         (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
         (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
     };
@@ -317,7 +317,7 @@ pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     match settings.method {
         Method::Radiosity => false,
         Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),
-        Method::Ray => true,
+        Method::Ray | Method::Photon => true,
     }
 }
 
@@ -328,6 +328,10 @@ fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progres
     if !parts.is_empty() {
         let message = "tells no light of some lights from that of others; choose radiosity, or bake all of each light";
         return Err(Error::invalid(format!("method {name}"), message));
+    }
+    if settings.directional != Directional::Off {
+        let message = format!("the method {name} tells no directions of these materials; leave it out");
+        return Err(Error::invalid("directional", message));
     }
     let scattering = Scattering::new(ground.scene, settings.surfaces);
     let media = Media::new(ground.scene);

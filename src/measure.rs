@@ -1,6 +1,7 @@
 //! What a sensor measures by one of the methods that follow rays, to as many samples, or in as much time, as settings say.
 
 use crate::error::{Error, Result};
+use crate::integrate::photon::{PhotonParams, Photons};
 use crate::integrate::{Integrator, Pixelwise, Walk, World};
 use crate::progress::Progress;
 use crate::sensor::{Film, Sensor};
@@ -54,6 +55,10 @@ fn method<'a>(
             Ok(Box::new(pixelwise(Walk::Ray)))
         }
         Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
+        Method::Photon => {
+            let params = PhotonParams { max_bounces, seed, ..PhotonParams::default() };
+            Ok(Box::new(Photons::new(world, sensor, params)?))
+        }
         Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
     }
 }

@@ -214,6 +214,8 @@ pub enum Method {
     Path,
     /// Light straight from what shines, over mirrors and through glass.
     Ray,
+    /// Photons sent out from what shines, read by walks: light over mirrors and glass, and in fog.
+    Photon,
 }
 
 impl Method {
@@ -223,7 +225,13 @@ impl Method {
             Self::Radiosity => "radiosity",
             Self::Path => "path",
             Self::Ray => "ray",
+            Self::Photon => "photon",
         }
+    }
+
+    /// True where samples are walks, from texels or pixels.
+    pub fn follows_rays(self) -> bool {
+        self != Self::Radiosity
     }
 }
 
@@ -403,7 +411,7 @@ impl Settings {
     /// How texels get their light.
     pub fn gather(&self) -> Gather {
         match self.gather {
-            Gather::Auto if self.method == Method::Path || self.asks_for_elements() => Gather::Final,
+            Gather::Auto if self.method.follows_rays() || self.asks_for_elements() => Gather::Final,
             Gather::Auto => Gather::Blocks,
             chosen => chosen,
         }
@@ -449,7 +457,7 @@ impl Settings {
     /// How noise is taken out, the filter chosen. Paths are the reference, and stay as they are unless a filter is named.
     pub fn denoise_params(&self) -> DenoiseParams {
         let filter = match self.denoise {
-            Denoise::Auto if self.method == Method::Path => Denoise::Off,
+            Denoise::Auto if self.method.follows_rays() => Denoise::Off,
             Denoise::Auto => Denoise::Builtin,
             chosen => chosen,
         };

@@ -7,6 +7,7 @@ mod direct;
 pub mod emit;
 mod lamps;
 mod path;
+pub mod photon;
 mod vertex;
 mod whitted;
 mod world;

@@ -150,9 +150,9 @@ impl Settings {
         refuse_first(&[
             (self.layers.iter().enumerate().any(is_double), "layers", "names a layer twice"),
             (
-                has(LayerKind::Bounces) && self.method == Method::Path,
+                has(LayerKind::Bounces) && self.method.follows_rays(),
                 "layers",
-                "paths don't tell bounces apart; leave out bounces, or the method path",
+                "methods that follow rays don't tell bounces apart; leave out bounces, or choose the method radiosity",
             ),
             (
                 has(LayerKind::Bounces) && self.iterations.is_some(),
@@ -170,9 +170,9 @@ impl Settings {
                 "is for the layers ao and bent-normal, and neither is asked for",
             ),
             (
-                self.method == Method::Path && self.bake_lights == BakeMode::Indirect,
+                self.method.follows_rays() && self.bake_lights == BakeMode::Indirect,
                 "bake-lights",
-                "paths don't tell direct light of some lights from that of others; leave it out, or the method path",
+                "rays don't tell direct light of some lights from that of others; leave it out, or choose the method radiosity",
             ),
             (
                 has(LayerKind::Error) && self.gather == Gather::None,
@@ -214,7 +214,7 @@ impl Settings {
         let for_blocks = "is for gather blocks, and something else that is set needs elements, or a gather of its own";
         refuse_first(&[
             (self.error.is_some() && !is_blocks, "error", for_blocks),
-            (self.time_budget.is_some() && !is_blocks, "time-budget", for_blocks),
+            (self.time_budget.is_some() && !is_blocks && self.method != Method::Photon, "time-budget", for_blocks),
             (
                 self.gather == Gather::Blocks && self.asks_for_elements(),
                 "gather",
@@ -228,8 +228,8 @@ impl Settings {
         if self.solver == Solver::FullMatrix {
             full_matrix::refuse_too_many(self.element_count())?;
         }
-        let is_path = self.method == Method::Path;
-        let for_radiosity = "does nothing with the method path; leave it out";
+        let is_path = self.method.follows_rays();
+        let for_radiosity = "does nothing with methods that follow rays; leave it out";
         let is_auto = self.solver == Solver::Auto;
         let is_progressive = is_auto || self.solver == Solver::Progressive;
         let is_full = self.solver == Solver::FullMatrix;
