@@ -484,6 +484,10 @@ pub struct EffortArgs {
     /// the other; photon: photons from what shines, for light that mirrors and glass gather [default: radiosity]
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "photon"]))]
     pub method: Option<String>,
+    /// Add light that comes from lights over mirrors and glass alone to the direct light of radiosity, by photons; mirrors and
+    /// glass send on nothing else then [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub caustics: Option<bool>,
     /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area
     /// averages, without the worst 1 % of texels [0.05%..50%; default: 5%, 2%, 1% or 0.5% by --quality]
     #[arg(long, value_name = "PERCENT")]
@@ -534,13 +538,14 @@ pub struct ResultArgs {
     /// beyond the padding [default: all]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["all", "padding"]))]
     pub gutter: Option<String>,
-    /// Parts of the light as layers of the pages, separated by commas: direct, indirect, bounces (emitted, then reflected no
+    /// Parts of the light as layers of the pages, separated by commas: direct, indirect, caustics (what
+    /// --caustics adds), bounces (emitted, then reflected no
     /// time, once, twice, ... before it arrives), error (the estimated standard error), emission, light-groups (the light that
     /// each group of lights causes), shadow-masks (the visible share of each light that is not wholly baked, or else of all up to
     /// 16); and of what surrounds a texel ao (the open share of its hemisphere), bent-normal (the mean open direction),
     /// sky-visibility
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new([
-        "direct", "indirect", "bounces", "error", "emission", "light-groups", "shadow-masks", "ao", "bent-normal", "sky-visibility",
+        "direct", "indirect", "caustics", "bounces", "error", "emission", "light-groups", "shadow-masks", "ao", "bent-normal", "sky-visibility",
     ]))]
     pub layers: Option<Vec<String>>,
     /// How far away things occlude in the layers ao and bent-normal [m; 0: however far; default: 1]

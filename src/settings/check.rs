@@ -6,6 +6,7 @@ use crate::load::image::MOST_TEXELS;
 use crate::meshing::MeshMode;
 use crate::post::{Directional, LayerKind, Quantity, denoise::Denoise};
 use crate::reference::BATCHES;
+use crate::scatter::Surfaces;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
@@ -163,6 +164,21 @@ impl Settings {
                 has(LayerKind::LightGroups) && self.gather() != Gather::Blocks,
                 "layers",
                 "light groups are told apart by blocks alone; leave out light-groups, or what needs elements or paths",
+            ),
+            (
+                self.caustics && self.method.follows_rays(),
+                "caustics",
+                "is for the method radiosity; other methods hold light over mirrors and glass already",
+            ),
+            (
+                self.caustics && self.surfaces == Surfaces::Diffuse,
+                "caustics",
+                "needs mirrors and glass, which surfaces diffuse leaves out",
+            ),
+            (
+                has(LayerKind::Caustics) && !self.caustics,
+                "layers",
+                "caustics are light that the setting caustics adds; give it as well",
             ),
             (
                 self.ao_distance.is_some() && !has(LayerKind::Ao) && !has(LayerKind::BentNormal),

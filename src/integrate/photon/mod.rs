@@ -135,7 +135,12 @@ impl<'a> Photons<'a> {
             let shrunk = shrink(index, dimensions) * f64::from(first.unwrap_or(UNKNOWN_RADIUS * scale));
             Map::new(photons, (shrunk as f32).max(least))
         };
-        Maps { all: map(0, on_surfaces), caustic: map(1, on), all_in_media: map(2, in_media), caustic_in_media: map(3, within) }
+        Maps {
+            all: map(0, on_surfaces),
+            caustic: map(1, on),
+            all_in_media: map(2, in_media),
+            caustic_in_media: map(3, within),
+        }
     }
 }
 

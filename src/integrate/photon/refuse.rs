@@ -29,8 +29,13 @@ pub fn check_lights(world: &World) -> Result<()> {
         crate::light::polygon::Source::Light { light, .. } => Some(light),
         crate::light::polygon::Source::Surface { .. } => None,
     });
-    let of_scene: Vec<&Light> =
-        lights.delta.iter().map(|delta| delta.number()).chain(polygons).map(|number| &world.scene.lights[number]).collect();
+    let of_scene: Vec<&Light> = lights
+        .delta
+        .iter()
+        .map(|delta| delta.number())
+        .chain(polygons)
+        .map(|number| &world.scene.lights[number])
+        .collect();
     if let Some(light) = of_scene.iter().find(|light| !light.links.are_all()) {
         let message = "photons know no lights that only some surfaces are lit or shadowed by; choose the method path";
         return Err(Error::unsupported(&light.name, message));

@@ -117,7 +117,7 @@ pub struct Way {
     pub flux: Rgb,
     /// How often it is scattered, at most.
     pub most: Option<u32>,
-    /// It ends once anything but mirrors and glass has scattered it.
+    /// It ends once anything but [mirrors and glass](crate::scene::Appearance::is_single) has scattered it.
     pub only_caustics: bool,
 }
 
@@ -141,7 +141,7 @@ pub fn follow(world: &World, emitted: &Emitted, way: Way, numbers: &mut impl Num
             return;
         }
         let Some(onward) = vertex.go_on(Transport::Importance, numbers) else { return };
-        only_single &= onward.pdf == 0.0;
+        only_single &= onward.pdf == 0.0 && (!way.only_caustics || is_single(world, &vertex));
         let sent = flux * onward.weight;
         let survival = (sent.max_element() / flux.max_element()).min(1.0);
         let goes_on = numbers.next() < survival;
@@ -155,6 +155,15 @@ pub fn follow(world: &World, emitted: &Emitted, way: Way, numbers: &mut impl Num
         ray = Ray { origin: vertex.origin(world.tracer, onward.direction), direction: onward.direction };
         bounces += 1;
     }
+}
+
+/// True where the material at `vertex` is all mirror or glass.
+fn is_single(world: &World, vertex: &Vertex) -> bool {
+    let hit = vertex.surface().and_then(|on| on.hit);
+    hit.is_some_and(|hit| {
+        let (surface, triangle) = world.tracer.place(hit.triangle);
+        world.scene.material(surface, triangle).appearance.as_ref().is_some_and(|look| look.is_single())
+    })
 }
 
 /// How a light's range dims it at `t` [m]: over the way to the first vertex, as drawn light has it.
