@@ -221,8 +221,9 @@ pub struct ViewArgs {
 #[serde(rename_all = "kebab-case")]
 pub struct WalkArgs {
     /// path: paths from the camera; ray: light straight from what shines, over mirrors and through glass; bidirectional: paths
-    /// from the camera and from lights, joined; metropolis: chains of such paths, for light that is hard to find [default: path]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray", "bidirectional", "metropolis"]))]
+    /// from the camera and from lights, joined; metropolis: chains of such paths, for light that is hard to find; photon: photons
+    /// from what shines, for light that mirrors and glass gather [default: path]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["path", "ray", "bidirectional", "metropolis", "photon"]))]
     pub method: Option<String>,
     /// What of materials is seen: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
@@ -487,13 +488,17 @@ pub struct SolverArgs {
 pub struct EffortArgs {
     /// radiosity: light exchanged between surfaces, see --gather; path: paths from each texel, slower, the reference for
     /// the other; ray: light straight from what shines alone; bidirectional: paths from texels and from lights, joined; metropolis:
-    /// chains of such paths, for light that is hard to find. Methods other than radiosity see mirrors, metals, glass and media
-    /// [default: radiosity]
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "ray", "bidirectional", "metropolis"]))]
+    /// chains of such paths, for light that is hard to find; photon: photons from what shines, for light that mirrors and glass
+    /// gather. Methods other than radiosity see mirrors, metals, glass and media [default: radiosity]
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(["radiosity", "path", "ray", "bidirectional", "metropolis", "photon"]))]
     pub method: Option<String>,
     /// What of materials methods other than radiosity see: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
     pub surfaces: Option<String>,
+    /// Add light that comes from lights over mirrors and glass alone to the direct light of radiosity, by photons; mirrors and
+    /// glass send on nothing else then [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub caustics: Option<bool>,
     /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area
     /// averages, without the worst 1 % of texels [0.05%..50%; default: 5%, 2%, 1% or 0.5% by --quality]
     #[arg(long, value_name = "PERCENT")]
@@ -544,13 +549,14 @@ pub struct ResultArgs {
     /// beyond the padding [default: all]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["all", "padding"]))]
     pub gutter: Option<String>,
-    /// Parts of the light as layers of the pages, separated by commas: direct, indirect, bounces (emitted, then reflected no
+    /// Parts of the light as layers of the pages, separated by commas: direct, indirect, caustics (what
+    /// --caustics adds), bounces (emitted, then reflected no
     /// time, once, twice, ... before it arrives), error (the estimated standard error), emission, light-groups (the light that
     /// each group of lights causes), shadow-masks (the visible share of each light that is not wholly baked, or else of all up to
     /// 16); and of what surrounds a texel ao (the open share of its hemisphere), bent-normal (the mean open direction),
     /// sky-visibility
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PossibleValuesParser::new([
-        "direct", "indirect", "bounces", "error", "emission", "light-groups", "shadow-masks", "ao", "bent-normal", "sky-visibility",
+        "direct", "indirect", "caustics", "bounces", "error", "emission", "light-groups", "shadow-masks", "ao", "bent-normal", "sky-visibility",
     ]))]
     pub layers: Option<Vec<String>>,
     /// How far away things occlude in the layers ao and bent-normal [m; 0: however far; default: 1]

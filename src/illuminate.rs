@@ -1,6 +1,8 @@
 //! The light of a scene in memory: rasterize, direct, exchange, post, in order; or with solve and gather in place of exchange; or
 //! rasterize, trace, post.
 
+mod caustics;
+
 use crate::Result;
 use crate::blocks::separate::{Source, Wanted};
 use crate::blocks::{BlockParams, Exchanged, exchange, shown_normals};
@@ -92,7 +94,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         lights: &lights,
         params: &settings.direct_params(),
     };
-    let Found { direct, elements, solution, mut gathered, backs, exchanged, mut groups, left_out } =
+    let Found { direct, elements, solution, mut gathered, backs, exchanged, mut groups, left_out, caustics } =
         find(&lit, settings, &dump, progress)?;
 
     let noisy = if groups.is_empty() { Vec::new() } else { gathered.irradiance.clone() };
@@ -130,7 +132,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     };
     let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
     let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
-    let sources = layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups };
+    let sources =
+        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
     if settings.directional != Directional::Off {
@@ -195,6 +198,8 @@ struct Found {
     groups: Vec<Group>,
     /// What arrives and is not to be shown [lx].
     left_out: Option<Vec<Rgb>>,
+    /// What came over mirrors and glass as if straight from lights, of what is shown [lx]; empty where it wasn't asked for.
+    caustics: Vec<Rgb>,
 }
 
 /// The light of all texels, by the method that is asked for.
@@ -205,7 +210,7 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) ->
         (Method::Path, _) if !needs_walks(lit.ground.scene, settings) => {
             paths(lit, &parts, elements(), settings, dump, progress)?
         }
-        (Method::Path | Method::Ray | Method::Bidirectional | Method::Metropolis, _) => {
+        (Method::Path | Method::Ray | Method::Bidirectional | Method::Metropolis | Method::Photon, _) => {
             by_walks(lit, &parts, settings, dump, progress)?
         }
         (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
@@ -239,7 +244,9 @@ impl Found {
 /// The light by radiosity between blocks of texels.
 fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
     let keep = settings.layers.contains(&LayerKind::LightGroups);
-    let Apart { whole: direct, left_out, each } = direct_apart(lit, parts, keep, progress)?;
+    let mut apart = direct_apart(lit, parts, keep, progress)?;
+    let caustics = caustics_of(lit, parts, &mut apart, settings, progress)?;
+    let Apart { whole: direct, left_out, each } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
     let sources: Vec<Source> = parts.iter().zip(&each).map(|(part, direct)| source(part, direct)).collect();
     let wanted = Wanted { sources: &sources, bounces: settings.bounce_layers() };
@@ -249,7 +256,18 @@ fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progre
     dump.patches("indirect", lit.ground, |i| gathered.irradiance[i] - direct.shown[i])?;
     let groups = light_groups(parts, &each, std::mem::take(&mut gathered.groups));
     let (elements, solution) = (Elements::default(), Solution::default());
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: Some(exchanged), groups, left_out })
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: Some(exchanged), groups, left_out, caustics })
+}
+
+/// Adds light over mirrors and glass where it is asked for.
+fn caustics_of(
+    lit: &Lit,
+    parts: &[Part],
+    apart: &mut Apart,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Vec<Rgb>> {
+    if settings.caustics { caustics::add(lit, parts, apart, settings, progress) } else { Ok(Vec::new()) }
 }
 
 fn source<'a>(part: &'a Part, direct: &'a Direct) -> Source<'a> {
@@ -284,7 +302,9 @@ fn by_elements(
         // Backs come on top of what the settings say.
         full_matrix::refuse_too_many(elements.len())?;
     }
-    let Apart { whole: direct, left_out, .. } = direct_apart(lit, parts, false, progress)?;
+    let mut apart = direct_apart(lit, parts, false, progress)?;
+    let caustics = caustics_of(lit, parts, &mut apart, settings, progress)?;
+    let Apart { whole: direct, left_out, .. } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
 
     let params = settings.solve_params(elements.len());
@@ -308,7 +328,8 @@ fn by_elements(
     dump.patches("indirect", lit.ground, |i| gathered.indirect[i])?;
     drop(probes);
     let backs = Backs::of_elements(&elements, &solution);
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out })
+    let groups = Vec::new();
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out, caustics })
 }
 
 /// True where a bake needs methods that follow rays with full materials; scenes that are all diffuse, without media, are traced by
@@ -321,7 +342,7 @@ pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     match settings.method {
         Method::Radiosity => false,
         Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),
-        Method::Ray | Method::Bidirectional | Method::Metropolis => true,
+        Method::Ray | Method::Bidirectional | Method::Metropolis | Method::Photon => true,
     }
 }
 
@@ -380,7 +401,8 @@ fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progres
     };
     let (elements, solution) = (Elements::default(), Solution::default());
     let backs = Backs::default();
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out: None })
+    let (groups, caustics) = (Vec::new(), Vec::new());
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }
 
 /// The light by paths. What comes straight from the sky counts as direct light here; of the elements, only the backs get light.
@@ -438,5 +460,6 @@ fn paths(
         ..Solution::default()
     };
     let backs = Backs::of_elements(&elements, &solution);
-    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups: Vec::new(), left_out: None })
+    let (groups, caustics) = (Vec::new(), Vec::new());
+    Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }

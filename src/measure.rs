@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::integrate::bidirectional::Bidirectional;
 use crate::integrate::metropolis::Metropolis;
+use crate::integrate::photon::{PhotonParams, Photons};
 use crate::integrate::{BakedView, Integrator, Pixelwise, Walk, World};
 use crate::load::baked::BakedLight;
 use crate::progress::Progress;
@@ -83,6 +84,10 @@ fn method<'a>(world: &'a World<'a>, sensor: &'a dyn Sensor, settings: &Settings)
         Method::Path => Ok(Box::new(pixelwise(Walk::Path))),
         Method::Bidirectional => Ok(Box::new(bidirectional()?)),
         Method::Metropolis => Ok(Box::new(Metropolis::new(bidirectional()?))),
+        Method::Photon => {
+            let params = PhotonParams { max_bounces, seed, ..PhotonParams::default() };
+            Ok(Box::new(Photons::new(world, sensor, params)?))
+        }
         Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),
     }
 }

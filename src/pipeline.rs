@@ -49,6 +49,9 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
+    if settings.caustics {
+        scatter::adapt_for_caustics(&mut loaded.scene);
+    }
     let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();

@@ -96,6 +96,8 @@ pub struct Settings {
     pub method: Method,
     /// What of materials is seen by methods that follow rays.
     pub surfaces: Surfaces,
+    /// Light that comes to texels from lights over mirrors and glass alone is added to radiosity's direct light, by photons.
+    pub caustics: bool,
     /// Which filter takes noise out.
     pub denoise: Denoise,
     /// The library of Open Image Denoise; none: looked for by its usual names.
@@ -222,6 +224,8 @@ pub enum Method {
     Bidirectional,
     /// Chains of such paths, each a small change of the one before where that brings light (Metropolis light transport).
     Metropolis,
+    /// Photons sent out from what shines, read by walks: light over mirrors and glass, and in fog.
+    Photon,
 }
 
 impl Method {
@@ -233,6 +237,7 @@ impl Method {
             Self::Ray => "ray",
             Self::Bidirectional => "bidirectional",
             Self::Metropolis => "metropolis",
+            Self::Photon => "photon",
         }
     }
 
@@ -307,7 +312,7 @@ impl Settings {
             confine: self.confine.clone(),
             max_texture: self.max_texture,
             max_memory: self.max_memory,
-            appearance: self.method != Method::Radiosity && self.surfaces == Surfaces::Full,
+            appearance: (self.method.follows_rays() || self.caustics) && self.surfaces == Surfaces::Full,
             strict: self.strict,
         }
     }

@@ -10,6 +10,7 @@ pub mod emit;
 mod lamps;
 pub mod metropolis;
 mod path;
+pub mod photon;
 mod vertex;
 mod whitted;
 mod world;

@@ -19,15 +19,27 @@ const ROULETTE_START: u32 = 4;
 const LEAST_END: f32 = 0.02;
 
 /// A path under way.
-struct Walk<'a> {
-    ray: Ray,
-    weight: Rgb,
+pub(super) struct Walk<'a> {
+    pub ray: Ray,
+    pub weight: Rgb,
     /// The vertex that the ray left, and the density of its direction; none where it left a camera.
-    from: Option<(Vertex<'a>, f32)>,
+    pub from: Option<(Vertex<'a>, f32)>,
     /// What the medium around absorbs, inside of solids [1/m].
-    absorption: Rgb,
+    pub absorption: Rgb,
     /// What refraction has multiplied the weight by: roulette is about light, not about how it is spread.
     spread: f32,
+}
+
+impl Walk<'_> {
+    /// A walk along `ray`, from a camera.
+    pub fn new(ray: Ray, weight: Rgb) -> Self {
+        Self { ray, weight, from: None, absorption: Rgb::ZERO, spread: 1.0 }
+    }
+
+    /// A walk that is yet to leave a point, with `weight`.
+    pub fn at_point(weight: f32) -> Self {
+        Self::new(Ray { origin: Vec3::ZERO, direction: Vec3::Z }, Rgb::splat(weight))
+    }
 }
 
 /// What one path from `start` estimates: radiance of a ray [nit], irradiance of a point [lx]. `most` bounds the reflections counted, 0:
@@ -35,16 +47,10 @@ struct Walk<'a> {
 pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl Numbers) -> Rgb {
     let mut sum = Rgb::ZERO;
     let mut walk = match start {
-        Start::Ray(ray) => Some(Walk { ray, weight: Rgb::ONE, from: None, absorption: Rgb::ZERO, spread: 1.0 }),
+        Start::Ray(ray) => Some(Walk::new(ray, Rgb::ONE)),
         Start::Point(point) => {
             let receiver = world.receiver(point);
-            let fresh = Walk {
-                ray: Ray { origin: Vec3::ZERO, direction: Vec3::Z },
-                weight: Rgb::splat(PI),
-                from: None,
-                absorption: Rgb::ZERO,
-                spread: 1.0,
-            };
+            let fresh = Walk::at_point(PI);
             sum += fresh.weight * world.drawn(&receiver, Finder::Both, numbers);
             leave(world, fresh, receiver, numbers)
         }
@@ -76,7 +82,7 @@ pub fn trace(world: &World, start: Start, most: Option<u32>, numbers: &mut impl 
 }
 
 /// What lamps on the way to `t` send.
-fn lamps(world: &World, walk: &Walk, t: f32, numbers: &mut impl Numbers) -> Rgb {
+pub(super) fn lamps(world: &World, walk: &Walk, t: f32, numbers: &mut impl Numbers) -> Rgb {
     let from = walk.from.as_ref().map(|(vertex, pdf)| From { vertex, pdf: *pdf });
     let mut sum = Rgb::ZERO;
     world.lamps(&walk.ray, t, numbers, |lamp, distance, radiance| {
@@ -87,7 +93,12 @@ fn lamps(world: &World, walk: &Walk, t: f32, numbers: &mut impl Numbers) -> Rgb 
 }
 
 /// The path `walk`, which came to `vertex`, on its way to the next one.
-fn leave<'a>(world: &World<'a>, walk: Walk<'a>, vertex: Vertex<'a>, numbers: &mut impl Numbers) -> Option<Walk<'a>> {
+pub(super) fn leave<'a>(
+    world: &World<'a>,
+    walk: Walk<'a>,
+    vertex: Vertex<'a>,
+    numbers: &mut impl Numbers,
+) -> Option<Walk<'a>> {
     let onward = vertex.go_on(Transport::Radiance, numbers)?;
     let mut next = Walk {
         ray: Ray { origin: vertex.origin(world.tracer, onward.direction), direction: onward.direction },
@@ -107,7 +118,7 @@ fn leave<'a>(world: &World<'a>, walk: Walk<'a>, vertex: Vertex<'a>, numbers: &mu
 }
 
 /// Russian roulette by the weight that a path has left: what survives is worth what was given up.
-fn roulette<'a>(walk: Walk<'a>, vertices: u32, numbers: &mut impl Numbers) -> Option<Walk<'a>> {
+pub(super) fn roulette<'a>(walk: Walk<'a>, vertices: u32, numbers: &mut impl Numbers) -> Option<Walk<'a>> {
     if vertices < ROULETTE_START {
         return Some(walk);
     }

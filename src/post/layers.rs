@@ -44,6 +44,8 @@ pub struct Sources<'a> {
     pub direct: &'a Direct,
     pub gathered: &'a Gathered,
     pub groups: &'a [Group],
+    /// Light over mirrors and glass that counts as direct [lx], by patch; empty where there is none.
+    pub caustics: &'a [Rgb],
 }
 
 /// What is asked of layers.
@@ -93,7 +95,7 @@ pub fn layers(sources: &Sources, params: &LayerParams, progress: &dyn Progress) 
 impl Sources<'_> {
     /// Adds the layers of a kind of light.
     fn light(&self, kind: LayerKind, quantity: Quantity, all: &mut Vec<Layer>) {
-        let Self { to, direct, gathered, groups } = *self;
+        let Self { to, direct, gathered, groups, caustics } = *self;
         let lit = &to.lit;
         let straight = |i: usize| direct.shown[i] + gathered.sky[i];
         let reflected = |i: usize| gathered.indirect[i] - gathered.sky[i];
@@ -103,6 +105,9 @@ impl Sources<'_> {
         match kind {
             LayerKind::Direct => all.push(layer("direct", &straight)),
             LayerKind::Indirect => all.push(layer("indirect", &reflected)),
+            LayerKind::Caustics => {
+                all.push(layer("caustics", &|i| caustics.get(i).copied().unwrap_or(Rgb::ZERO)));
+            }
             LayerKind::Error => all.push(layer("error", &|i| gathered.standard_error[i])),
             LayerKind::Emission => all.push(emission(&to.without_seams(), "emission", quantity)),
             LayerKind::Bounces => {

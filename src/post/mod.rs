@@ -101,6 +101,8 @@ pub enum LayerKind {
     Direct,
     /// All that was reflected.
     Indirect,
+    /// Light over mirrors and glass that counts as direct.
+    Caustics,
     /// Emitted, and reflected no time, once, twice, ... before it arrives.
     Bounces,
     /// The estimated standard error of the whole.

@@ -306,6 +306,17 @@ impl Point<'_> {
     }
 }
 
+/// Prepares `scene` for light over mirrors and glass beside methods that see diffuse surfaces alone: as [`adapt`] does, and what is
+/// [a mirror or glass](Appearance::is_single) sends nothing on as a diffuse surface.
+pub fn adapt_for_caustics(scene: &mut Scene) {
+    adapt(scene, Surfaces::Full);
+    for material in &mut scene.materials {
+        if material.appearance.as_ref().is_some_and(Appearance::is_single) {
+            material.albedo = Rgb::ZERO;
+        }
+    }
+}
+
 /// Prepares `scene` for rays that meet [`Surfaces::Full`]: they pass panes as far as both faces, head-on, don't mirror,
 /// and end at whatever refracts or spreads what passes. Cut-outs and blended surfaces stay as they are, and so does
 /// [`Surfaces::Diffuse`].

@@ -200,6 +200,15 @@ impl Appearance {
             && is_smooth
     }
 
+    /// A mirror or clear glass: all of it sends light on in single directions, wherever it is looked up.
+    pub fn is_single(&self) -> bool {
+        let is_smooth = self.roughness < Self::SMOOTH;
+        let is_coat_smooth = self.clearcoat == 0.0 || self.clearcoat_roughness < Self::SMOOTH;
+        let is_metal = self.metallic >= 1.0 && self.metallic_texture.is_none();
+        let is_clear = self.transmission >= 1.0 && self.transmission_texture.is_none();
+        self.measured.is_none() && is_smooth && is_coat_smooth && (is_metal || is_clear)
+    }
+
     /// Lets light through in a way that a surface's scattering has to tell: rough, refracting, or both.
     pub fn refracts(&self) -> bool {
         self.measured.is_none() && self.transmission > 0.0 && !self.is_pane()

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::load::image::MOST_TEXELS;
 use crate::meshing::MeshMode;
 use crate::post::{Directional, LayerKind, Quantity, denoise::Denoise};
+use crate::scatter::Surfaces;
 use crate::scene::BakeMode;
 use crate::solve::{Solver, full_matrix};
 use crate::transport::Method as FormFactors;
@@ -154,7 +155,7 @@ impl Settings {
             (
                 has(LayerKind::Bounces) && self.method.follows_rays(),
                 "layers",
-                "paths don't tell bounces apart; leave out bounces, or choose the method radiosity",
+                "methods that follow rays don't tell bounces apart; leave out bounces, or choose the method radiosity",
             ),
             (
                 has(LayerKind::Bounces) && self.iterations.is_some(),
@@ -167,6 +168,21 @@ impl Settings {
                 "light groups are told apart by blocks alone; leave out light-groups, or what needs elements or paths",
             ),
             (
+                self.caustics && self.method.follows_rays(),
+                "caustics",
+                "is for the method radiosity; other methods hold light over mirrors and glass already",
+            ),
+            (
+                self.caustics && self.surfaces == Surfaces::Diffuse,
+                "caustics",
+                "needs mirrors and glass, which surfaces diffuse leaves out",
+            ),
+            (
+                has(LayerKind::Caustics) && !self.caustics,
+                "layers",
+                "caustics are light that the setting caustics adds; give it as well",
+            ),
+            (
                 self.ao_distance.is_some() && !has(LayerKind::Ao) && !has(LayerKind::BentNormal),
                 "ao-distance",
                 "is for the layers ao and bent-normal, and neither is asked for",
@@ -174,7 +190,7 @@ impl Settings {
             (
                 self.method.follows_rays() && self.bake_lights == BakeMode::Indirect,
                 "bake-lights",
-                "paths don't tell direct light of some lights from that of others; leave it out, or choose the method radiosity",
+                "rays don't tell direct light of some lights from that of others; leave it out, or choose the method radiosity",
             ),
             (
                 has(LayerKind::Error) && self.gather == Gather::None,
@@ -216,7 +232,7 @@ impl Settings {
         let for_blocks = "is for gather blocks, and something else that is set needs elements, or a gather of its own";
         refuse_first(&[
             (self.error.is_some() && !is_blocks, "error", for_blocks),
-            (self.time_budget.is_some() && !is_blocks, "time-budget", for_blocks),
+            (self.time_budget.is_some() && !is_blocks && self.method != Method::Photon, "time-budget", for_blocks),
             (
                 self.gather == Gather::Blocks && self.asks_for_elements(),
                 "gather",

@@ -1,0 +1,199 @@
+//! Progressive photon mapping: light is sent out from what shines and left where it lands, and walks from the sensor read it there
+//! (Jensen 1996, "Global Illumination using Photon Maps"; Hachisuka, Ogaki, Jensen 2008, "Progressive Photon Mapping").
+//!
+//! A pass sends new photons, reads them within a radius, and forgets them; the radius shrinks from pass to pass, so that the mean of all
+//! passes tends to the light as it is (Knaus, Zwicker 2011, "Progressive Photon Mapping: A Probabilistic Approach").
+//!
+//! A path from a light to the sensor is counted once, by the last bounces on its way (L: light, S: mirror or glass, D: anything else, x: the
+//! first *matte* vertex that the sensor's walk comes to over mirrors, glass and gloss):
+//!
+//! | way to x | found by |
+//! |---|---|
+//! | L x | a place drawn on a light, or met by the walk's own next ray |
+//! | L S+ x | photons within the radius at x, of those that came so; on texels, which photon hits which texel, without a radius |
+//! | L ... D S* x | a ray drawn at x, over mirrors and glass; where it comes to a matte vertex, all photons within the radius there |
+//!
+//! A vertex is matte where no direction stands out in what it reflects ([`is_matte`]); at others the walk goes on as a path does, and so
+//! it does close to x, where a radius would show. Where media scatter, vertices lie in space, and photons are read within a ball (Jensen,
+//! Christensen 1998).
+//!
+//! Bias: light is spread over the radius, and where the disc around a place reaches over the edge of its surface, or the ball out of a
+//! medium, what is read there is too dark, by up to a half on the edge itself; both vanish with the radius. Light is never read through
+//! walls: only photons on surfaces that face the same way, close to the plane, count.
+//!
+//! Limits: light over mirrors and glass from points, spots and sharp suns onto glossy surfaces is found as little as by paths. Surfaces
+//! that don't cast meet no photons, and get no light over mirrors and glass straight from lights.
+
+mod caustics;
+mod map;
+mod refuse;
+mod shoot;
+mod walk;
+
+pub use caustics::{Caustics, caustics};
+
+use super::emit::Sources;
+use super::{Integrator, Kind, Vertex, World};
+use crate::Result;
+use crate::color::Rgb;
+use crate::progress::Progress;
+use crate::sample::{Drawn, sequence::Stage};
+use crate::scatter::Transport;
+use crate::sensor::{Film, Sensor, Start};
+use map::{Map, Photon};
+use rayon::prelude::*;
+use shoot::{Shot, shoot};
+use std::f32::consts::PI;
+
+/// How photons are sent and read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PhotonParams {
+    /// Photons a pass; none: by the sensor's pixels.
+    pub photons: Option<u32>,
+    /// The radius of the first pass [m]; none: such that it holds a few photons.
+    pub radius: Option<f32>,
+    /// Reflections counted, 0: direct light only. None: all.
+    pub max_bounces: Option<u32>,
+    pub seed: u32,
+}
+
+/// Photon mapping, pass by pass.
+pub struct Photons<'a> {
+    world: &'a World<'a>,
+    sensor: &'a dyn Sensor,
+    params: PhotonParams,
+    sources: Sources,
+    /// Radii of the first pass [m], by map, once there were photons to choose them by.
+    first: [Option<f32>; MAPS],
+}
+
+/// What was left on surfaces, of all ways and of those over mirrors and glass alone, and the same of media.
+struct Maps {
+    all: Map,
+    caustic: Map,
+    all_in_media: Map,
+    caustic_in_media: Map,
+}
+
+const MAPS: usize = 4;
+
+/// Bounds on the photons of a pass.
+const LEAST_PHOTONS: usize = 1 << 15;
+const MOST_PHOTONS: usize = 1 << 18;
+
+/// Photons that the median photon has within the first radius, of all and of those over mirrors and glass.
+const NEIGHBOURS: [usize; MAPS] = [12, 24, 16, 24];
+
+/// The share of the variance that a radius keeps from pass to pass: Knaus' and Zwicker's alpha.
+const ALPHA: f64 = 2.0 / 3.0;
+
+/// The least radius, over that of a ball around the scene: numbers of single precision tell no less.
+const LEAST_RADIUS: f32 = 1e-6;
+
+/// The radius of a map that no photon has come to yet, over that of a ball around the scene.
+const UNKNOWN_RADIUS: f32 = 1e-2;
+
+/// Pixels that are estimated before the caller is asked whether to stop.
+const AT_ONCE: usize = 64;
+
+/// Density over that of a matte surface, beyond which a direction stands out: GGX of a roughness of about 0.5.
+const MATTE_PEAK: f32 = 4.0;
+
+/// Mean cosine of phase functions, beyond which straight on stands out.
+const MATTE_PHASE: f32 = 0.75;
+
+impl<'a> Photons<'a> {
+    /// Prepares the photons of `world`, for what `sensor` measures.
+    ///
+    /// # Errors
+    /// `Unsupported` where the scene holds portals, lights that are linked to some surfaces, or media that shine; `Invalid` where the radius
+    /// is no length, or there are no photons.
+    pub fn new(world: &'a World<'a>, sensor: &'a dyn Sensor, params: PhotonParams) -> Result<Self> {
+        refuse::check(world, &params)?;
+        Ok(Self { sources: Sources::new(world), world, sensor, params, first: [None; MAPS] })
+    }
+
+    /// Photons of a pass.
+    fn count(&self) -> u32 {
+        let by_pixels = (2 * self.sensor.len()).clamp(LEAST_PHOTONS, MOST_PHOTONS);
+        self.params.photons.unwrap_or(by_pixels as u32)
+    }
+
+    /// The maps of pass `index`, from 0.
+    fn maps(&mut self, photons: Vec<Photon>, index: u64) -> Maps {
+        let (in_media, on_surfaces): (Vec<Photon>, Vec<Photon>) = photons.into_iter().partition(Photon::is_in_medium);
+        let caustic = |photons: &[Photon]| photons.iter().filter(|photon| photon.caustic).copied().collect();
+        let caustics: [Vec<Photon>; 2] = [caustic(&on_surfaces), caustic(&in_media)];
+        let [on, within] = caustics;
+        let mut map = |k: usize, photons: Vec<Photon>| {
+            let scale = self.sources.bounds().1;
+            let least = LEAST_RADIUS * scale;
+            let chosen = || map::radius_of(&photons, NEIGHBOURS[k]);
+            let first = self.first[k].or(self.params.radius).or_else(chosen).map(|radius| radius.clamp(least, scale));
+            self.first[k] = first;
+            let dimensions = if k < 2 { 2.0 } else { 3.0 };
+            let shrunk = shrink(index, dimensions) * f64::from(first.unwrap_or(UNKNOWN_RADIUS * scale));
+            Map::new(photons, (shrunk as f32).max(least))
+        };
+        Maps {
+            all: map(0, on_surfaces),
+            caustic: map(1, on),
+            all_in_media: map(2, in_media),
+            caustic_in_media: map(3, within),
+        }
+    }
+}
+
+/// The factor on the radius in pass `index`, from 0, of kernels of so many dimensions.
+fn shrink(index: u64, dimensions: f64) -> f64 {
+    let product: f64 = (1..=index).map(|k| (k as f64 + ALPHA) / (k as f64 + 1.0)).product();
+    product.powf(dimensions.recip())
+}
+
+impl Integrator for Photons<'_> {
+    fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()> {
+        let index = film.passes();
+        let limit = self.params.max_bounces.map(|most| most.saturating_add(1));
+        let Shot { photons, landed } =
+            shoot(self.world, &self.sources, self.sensor, self.count(), limit, (self.params.seed, index), progress)?;
+        let maps = self.maps(photons, index);
+        let mut values = vec![Rgb::ZERO; self.sensor.len()];
+        values.par_chunks_mut(AT_ONCE).enumerate().try_for_each(|(chunk, values)| {
+            progress.check()?;
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = self.estimate(chunk * AT_ONCE + k, index, &maps);
+            }
+            Ok(())
+        })?;
+        for (pixel, irradiance) in landed {
+            values[pixel as usize] += irradiance;
+        }
+        film.add(&values);
+        Ok(())
+    }
+}
+
+impl Photons<'_> {
+    fn estimate(&self, pixel: usize, index: u64, maps: &Maps) -> Rgb {
+        let mut numbers = Drawn::new(self.params.seed, Stage::Walk, pixel as u64, index);
+        let Some(start) = self.sensor.start(pixel, &mut numbers) else { return Rgb::ZERO };
+        let limit = self.params.max_bounces.map(|most| match start {
+            // What a camera sees was reflected once to it already.
+            Start::Ray(_) => most.saturating_add(1),
+            Start::Point(_) => most,
+        });
+        walk::trace(self.world, start, maps, limit, &mut numbers)
+    }
+}
+
+/// True where no direction stands out in what `vertex` scatters, so that light may be read from photons around it.
+fn is_matte(vertex: &Vertex) -> bool {
+    match &vertex.kind {
+        Kind::Medium(phase) => phase.g.abs() <= MATTE_PHASE,
+        Kind::Surface(on) => {
+            let normal = on.point.shading;
+            let mirrored = normal * (2.0 * normal.dot(vertex.back)) - vertex.back;
+            !on.bsdf.transmits() && vertex.pdf(mirrored, Transport::Radiance) <= MATTE_PEAK / PI
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Photons on their way from lights to where they are absorbed.
+
+use super::map::Photon;
+use crate::Result;
+use crate::color::Rgb;
+use crate::integrate::emit::{Emitted, Source, Sources};
+use crate::integrate::{Kind, Vertex, World};
+use crate::progress::Progress;
+use crate::sample::{Drawn, Numbers, sequence::Stage};
+use crate::scatter::Transport;
+use crate::scene::LightShape;
+use crate::sensor::Sensor;
+use crate::trace::Ray;
+use rayon::prelude::*;
+
+/// What photons left behind.
+pub struct Shot {
+    pub photons: Vec<Photon>,
+    /// Pixels that lie on surfaces, and what photons over mirrors and glass alone add to their irradiance [lx].
+    pub landed: Vec<(u32, Rgb)>,
+}
+
+/// Photons that one thread follows before the caller is asked whether to stop.
+pub(super) const AT_ONCE: u32 = 1024;
+
+/// Scatterings after which a photon ends whatever it carries: between mirrors that absorb nothing it would never end.
+const MOST_BOUNCES: u32 = 1000;
+
+/// Sends out `count` photons, of the run (seed, pass), which are scattered `most` times at most.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn shoot(
+    world: &World,
+    sources: &Sources,
+    sensor: &dyn Sensor,
+    count: u32,
+    most: Option<u32>,
+    run: (u32, u64),
+    progress: &dyn Progress,
+) -> Result<Shot> {
+    let chunks: Vec<Shot> = (0..count.div_ceil(AT_ONCE))
+        .into_par_iter()
+        .map(|chunk| {
+            progress.check()?;
+            let mut shot = Shot { photons: Vec::new(), landed: Vec::new() };
+            for k in chunk * AT_ONCE..((chunk + 1) * AT_ONCE).min(count) {
+                let mut numbers = numbers(run, k);
+                let Some(emitted) = sources.emit(world, &mut numbers) else { continue };
+                let way = Way { flux: emitted.flux / count as f32, most, only_caustics: false };
+                follow(world, &emitted, way, &mut numbers, |landing| shot.keep(world, sensor, most, &landing));
+            }
+            Ok(shot)
+        })
+        .collect::<Result<_>>()?;
+    let photons = chunks.iter().flat_map(|shot| &shot.photons).copied().collect();
+    Ok(Shot { photons, landed: chunks.into_iter().flat_map(|shot| shot.landed).collect() })
+}
+
+/// What photon `k` of a run draws from.
+pub(super) fn numbers((seed, pass): (u32, u64), k: u32) -> Drawn {
+    Drawn::new(seed, Stage::Photon, pass, u64::from(k))
+}
+
+/// A photon that comes to a vertex.
+pub struct Landing<'v, 'a> {
+    pub vertex: &'v Vertex<'a>,
+    /// What lands [lm].
+    pub flux: Rgb,
+    pub bounces: u32,
+    /// It came over mirrors and glass alone, one at least.
+    pub caustic: bool,
+}
+
+impl Landing<'_, '_> {
+    /// The pixel of a sensor on surfaces that it lands in, and what it adds there [lx].
+    pub fn on_pixel(&self, sensor: &dyn Sensor) -> Option<(u32, Rgb)> {
+        let on = self.vertex.surface()?;
+        let pixel = sensor.under(on.hit.as_ref()?)?;
+        let area = sensor.area(pixel);
+        (area > 0.0).then(|| (pixel as u32, self.flux / area))
+    }
+}
+
+impl Shot {
+    fn keep(&mut self, world: &World, sensor: &dyn Sensor, most: Option<u32>, landing: &Landing) {
+        let Landing { vertex, flux, bounces, caustic } = *landing;
+        // What a camera sees of it is reflected once more.
+        if caustic && most.is_none_or(|most| bounces < most) {
+            self.landed.extend(landing.on_pixel(sensor));
+        }
+        if vertex.is_delta() {
+            return;
+        }
+        let (position, towards) = (vertex.position, vertex.back);
+        let photon = match &vertex.kind {
+            Kind::Surface(on) => {
+                Photon { position, towards, normal: on.front_towards(towards), flux, bounces, caustic }
+            }
+            Kind::Medium(_) => {
+                let scattering = world.media.at(position).scattering;
+                let over = |flux: f32, sigma: f32| if sigma > 0.0 { flux / sigma } else { 0.0 };
+                let flux = Rgb::new(over(flux.x, scattering.x), over(flux.y, scattering.y), over(flux.z, scattering.z));
+                Photon { position, towards, normal: glam::Vec3::ZERO, flux, bounces, caustic }
+            }
+        };
+        if photon.flux.is_finite() {
+            self.photons.push(photon);
+        }
+    }
+}
+
+/// How a photon is followed.
+#[derive(Clone, Copy)]
+pub struct Way {
+    /// What it carries [lm].
+    pub flux: Rgb,
+    /// How often it is scattered, at most.
+    pub most: Option<u32>,
+    /// It ends once anything but [mirrors and glass](crate::scene::Appearance::is_single) has scattered it.
+    pub only_caustics: bool,
+}
+
+/// Follows light that was `emitted`, and calls `land` at each vertex that it comes to. Russian roulette by the share that is scattered
+/// keeps what each photon carries.
+pub fn follow(world: &World, emitted: &Emitted, way: Way, numbers: &mut impl Numbers, mut land: impl FnMut(Landing)) {
+    let side = if emitted.normal.dot(emitted.direction) < 0.0 { -emitted.normal } else { emitted.normal };
+    let is_surface = matches!(emitted.source, Source::Polygon(_));
+    let origin = if is_surface { world.tracer.off_surface(emitted.position, side) } else { emitted.position };
+    let mut ray = Ray { origin, direction: emitted.direction };
+    let (mut flux, mut absorption, mut only_single, mut bounces) = (way.flux, Rgb::ZERO, true, 0);
+    loop {
+        let travelled = world.travel(&ray, flux, absorption, numbers);
+        flux *= travelled.weight;
+        if bounces == 0 {
+            flux *= window(world, emitted.source, travelled.t);
+        }
+        let Some(vertex) = travelled.vertex.filter(|_| flux.max_element() > 0.0) else { return };
+        land(Landing { vertex: &vertex, flux, bounces, caustic: only_single && bounces > 0 });
+        if bounces >= way.most.unwrap_or(MOST_BOUNCES) {
+            return;
+        }
+        let Some(onward) = vertex.go_on(Transport::Importance, numbers) else { return };
+        only_single &= onward.pdf == 0.0 && (!way.only_caustics || is_single(world, &vertex));
+        let sent = flux * onward.weight;
+        let survival = (sent.max_element() / flux.max_element()).min(1.0);
+        let goes_on = numbers.next() < survival;
+        if !goes_on || way.only_caustics && !only_single {
+            return;
+        }
+        flux = sent / survival;
+        if onward.transmitted {
+            absorption = world.absorption(&vertex, onward.direction);
+        }
+        ray = Ray { origin: vertex.origin(world.tracer, onward.direction), direction: onward.direction };
+        bounces += 1;
+    }
+}
+
+/// True where the material at `vertex` is all mirror or glass.
+fn is_single(world: &World, vertex: &Vertex) -> bool {
+    let hit = vertex.surface().and_then(|on| on.hit);
+    hit.is_some_and(|hit| {
+        let (surface, triangle) = world.tracer.place(hit.triangle);
+        world.scene.material(surface, triangle).appearance.as_ref().is_some_and(|look| look.is_single())
+    })
+}
+
+/// How a light's range dims it at `t` [m]: over the way to the first vertex, as drawn light has it.
+fn window(world: &World, source: Source, t: f32) -> f32 {
+    let Source::Delta(number) = source else { return 1.0 };
+    match world.lights.delta[number].shape() {
+        LightShape::Point { range: Some(range), .. } | LightShape::Spot { range: Some(range), .. } if *range > 0.0 => {
+            (1.0 - (t / range).powi(4)).clamp(0.0, 1.0)
+        }
+        _ => 1.0,
+    }
+}
