@@ -161,11 +161,13 @@ fn warn_of_masks(scene: &Scene, report: &mut Report, settings: &Settings) {
 
 /// Says which settings did nothing.
 fn warn_of_idle_settings(scene: &Scene, report: &mut Report, settings: &Settings) {
-    if settings.lights == BakedLights::Remove && scene.lights.is_empty() {
+    // The sun that settings add is in no file.
+    if settings.lights == BakedLights::Remove && scene.lights.iter().all(|light| light.name == "--sun") {
         report.warnings.add("lights remove", "the scene has no lights that could be removed; it did nothing");
     }
     if settings.vertex_error.is_some() && settings.mesh == MeshMode::Given {
-        let message = "is about meshes that follow the light and did nothing; choose the mesh adaptive or discontinuity";
+        let message =
+            "is about meshes that follow the light and did nothing; choose the mesh adaptive or discontinuity";
         report.warnings.add("vertex-error", message);
     }
 }
@@ -328,7 +330,8 @@ fn finish(
     let vertices = lit.map(|lit| light_vertices(loaded, atlas, lit, settings, clock)).transpose()?.flatten();
     let vertices = vertices.map(|(vertices, of_vertices)| {
         if let Some(most) = settings.max_triangles.filter(|most| *most < of_vertices.given_triangles) {
-            let message = "fewer than the meshes have as they are, and none of those is taken away: no triangle was cut";
+            let message =
+                "fewer than the meshes have as they are, and none of those is taken away: no triangle was cut";
             report.warnings.add(format!("max-triangles {most} (given: {})", of_vertices.given_triangles), message);
         }
         report.vertices = Some(of_vertices);

@@ -110,7 +110,7 @@ impl Part {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Mesh, Surface, SurfaceOrigin, TriangleOrigin};
+    use crate::scene::{Alpha, Material, Mesh, Surface, SurfaceOrigin, TriangleOrigin};
     use glam::Affine3A;
 
     /// Two triangles of equal area, `size` [m] long, in the materials given.
@@ -142,6 +142,11 @@ mod tests {
         assert!(messages(2.0, [of(0.0), of(0.0)]).contains("exactly black"));
         assert!(messages(0.001, [of(0.5), of(0.5)]).contains("unlikely size"));
         assert!(messages(9000.0, [of(0.5), of(0.5)]).contains("unlikely size"));
+        let clear = Material { alpha: Alpha::Mask { cutoff: 0.5, opacity: 0.0 }, ..of(0.5) };
+        assert!(
+            messages(2.0, [clear.clone(), clear.clone()]).contains("(4.000 m^2): shows nothing and stops no light")
+        );
+        assert_eq!(messages(2.0, [of(0.5), clear]), "");
         let bright = Material { emission: Vec3::splat(1e9), ..of(0.0) };
         assert!(messages(2.0, [of(0.5), bright]).starts_with("a (1.0e9 nit): emits"));
     }

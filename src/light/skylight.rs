@@ -188,14 +188,7 @@ fn from_direction(sight: &Sight, sky: &Sky, receiver: &Receiver, index: u32, tal
     receive(sight, &point, towards, radiance, None, tally);
 }
 
-fn through_portal(
-    sight: &Sight,
-    number: usize,
-    portal: &Portal,
-    receiver: &Receiver,
-    index: u32,
-    tally: &mut Tally,
-) {
+fn through_portal(sight: &Sight, number: usize, portal: &Portal, receiver: &Receiver, index: u32, tally: &mut Tally) {
     // Brightness and place in turn; each stands for half of the samples.
     let [u, v, x, y] = receiver.sequence.point(index / 2, 63 - number as u32 % 2);
     let point = (receiver.sample)([x, y]);

@@ -42,10 +42,8 @@ pub fn read_camera(walk: &mut Walk, prim: &Prim, state: &State) {
         let offset = |name: &str, extent: f32, w: &mut Reading| {
             read::float(prim, name, w).filter(|v| v.is_finite()).map_or(0.0, |v| 2.0 * v / extent)
         };
-        let shift = Vec2::new(
-            offset("horizontalApertureOffset", width, w),
-            offset("verticalApertureOffset", height, w),
-        );
+        let shift =
+            Vec2::new(offset("horizontalApertureOffset", width, w), offset("verticalApertureOffset", height, w));
         Projection::Perspective { half_height: 0.5 * height / focal, shift }
     };
     let lens = lens(prim, focal, metres, w).filter(|_| !is_orthographic);

@@ -226,22 +226,41 @@ fn blender(glb: &str, page: &str, factor: f32) -> String {
 fn beside(text: &mut String, engine: Engine, baked: &Baked, told: &Told) -> std::fmt::Result {
     let layers = baked.lightmap.map_or(&[][..], |lightmap| &lightmap.layers);
     if let Some(formula) = told.directional.formula() {
-        writeln!(text, "directions {formula}. They are channels of the OpenEXR pages; the RGB of the pages needs none of them, and a")?;
+        writeln!(
+            text,
+            "directions {formula}. They are channels of the OpenEXR pages; the RGB of the pages needs none of them, and a"
+        )?;
         writeln!(text, "           shader of your own that knows normal maps reads value(n) in its place.")?;
     }
     let names: Vec<&str> = layers.iter().map(|layer| layer.name.as_str()).collect();
     if !names.is_empty() {
-        writeln!(text, "layers     {}: channels LAYER.R, .G, .B (or .Y, or .X, .Y, .Z) of the OpenEXR pages, by", names.join(", "))?;
-        writeln!(text, "           the same UVs and rectangles; image importers read the first RGB alone: split them beforehand.")?;
+        writeln!(
+            text,
+            "layers     {}: channels LAYER.R, .G, .B (or .Y, or .X, .Y, .Z) of the OpenEXR pages, by",
+            names.join(", ")
+        )?;
+        writeln!(
+            text,
+            "           the same UVs and rectangles; image importers read the first RGB alone: split them beforehand."
+        )?;
     }
     if told.probes {
         let [json, exr] = crate::write::probes::FILES;
-        writeln!(text, "probes     {json} says where each stands and what it holds (spherical harmonics, metres, right-handed, Y up), {exr}")?;
-        writeln!(text, "           holds the same as a picture. Set them by a script: no engine imports them by itself.")?;
+        writeln!(
+            text,
+            "probes     {json} says where each stands and what it holds (spherical harmonics, metres, right-handed, Y up), {exr}"
+        )?;
+        writeln!(
+            text,
+            "           holds the same as a picture. Set them by a script: no engine imports them by itself."
+        )?;
     }
     if told.directional != Directional::Off || !names.is_empty() || told.probes {
         if engine == Engine::Unity {
-            writeln!(text, "           Unity's space is left-handed: mirror n and positions as the importer does (glTFast: x).")?;
+            writeln!(
+                text,
+                "           Unity's space is left-handed: mirror n and positions as the importer does (glTFast: x)."
+            )?;
         }
         writeln!(text)?;
     }
