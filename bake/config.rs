@@ -223,6 +223,7 @@ fn read(path: &Path) -> Result<Table> {
 /// A config file's text as a table with known keys, and values of the right kind and range. `path` is for messages.
 fn parse(text: &str, path: &Path) -> Result<Table> {
     let at = |span: Option<std::ops::Range<usize>>, e: &str| {
+        let e = &suggested(e);
         let offset = span.map_or(0, |s| s.start).min(text.len());
         let (line, key) = line_and_key(text, offset);
         let place = format!("{}:{line}", path.display());
@@ -241,6 +242,37 @@ fn parse(text: &str, path: &Path) -> Result<Table> {
         return Err(e);
     }
     toml::from_str(text).map_err(|e| at(e.span(), e.message()))
+}
+
+/// `message` about an unknown key or value, with the nearest of the known ones in the place of all of them where one is near.
+fn suggested(message: &str) -> String {
+    let names: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    let [unknown, known @ ..] = &names[..] else { return message.to_string() };
+    let is_list = message.starts_with("unknown ") && !known.is_empty();
+    let Some(nearest) = known.iter().min_by_key(|name| edits(unknown, name)).filter(|_| is_list) else {
+        return message.to_string();
+    };
+    if edits(unknown, nearest) > (unknown.len() / 3).max(1) {
+        return message.to_string();
+    }
+    let what = message.split('`').next().unwrap_or_default();
+    format!("{what}`{unknown}`: did you mean `{nearest}`?")
+}
+
+/// Letters to insert, take out or replace until `a` is `b` (Levenshtein 1966).
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut above = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = above + usize::from(x != *y);
+            above = row[j + 1];
+            row[j + 1] = replaced.min(above + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
 }
 
 /// The number of the line at byte `offset`, from 1, and the key that is set there or begins above it.
@@ -317,6 +349,14 @@ mod tests {
 
     fn complaint(file: &str) -> String {
         parse(file, Path::new("a/lumel.toml")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_mistyped_key_is_told_its_nearest() {
+        assert_eq!(complaint("sampels = 3\n"), "a/lumel.toml:1: unknown field `sampels`: did you mean `samples`?");
+        assert!(complaint("wxyz = 3\n").contains("expected one of"), "{}", complaint("wxyz = 3\n"));
+        assert_eq!(complaint("quality = \"hihg\"\n").split(": ").last(), Some("did you mean `high`?"));
+        assert_eq!((edits("kitten", "sitting"), edits("", "abc"), edits("same", "same")), (3, 3, 0));
     }
 
     #[test]

@@ -56,7 +56,8 @@ pub struct Bake<'a> {
     pub left_out: Option<&'a [Rgb]>,
 }
 
-/// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`.
+/// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`; what
+/// half floats don't hold counts as it is.
 pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
     let count = bake.lit.ground.patches.len();
     let parts: Vec<Power> = (0..count.div_ceil(PART))
@@ -135,7 +136,7 @@ fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> P
 fn written_irradiance(lightmap: &Lightmap, [page, texel]: [u32; 2], rho: DVec3, emittance: DVec3, half: bool) -> DVec3 {
     let value = lightmap.pages[page as usize].rgb[texel as usize];
     let value = if half {
-        value.to_array().map(|v| half::f16::from_f32(v.min(half::f16::MAX.to_f32())).to_f32()).into()
+        value.to_array().map(|v| if v > half::f16::MAX.to_f32() { v } else { half::f16::from_f32(v).to_f32() }).into()
     } else {
         value
     }

@@ -10,7 +10,7 @@ use crate::report::{Input, Report};
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
 use crate::write::encode::{self, Encoded, Encoding};
-use crate::write::exr::{PageHeader, PageLayer, write_page};
+use crate::write::exr::{PageHeader, PageLayer, exceeds_half, write_page};
 use crate::write::output::Staging;
 use crate::write::{self, Baked, GltfProfile, engines, gltf, usd};
 use rayon::prelude::*;
@@ -71,7 +71,14 @@ pub fn write(baked: &Baked, settings: &Settings, progress: &dyn Progress, warnin
     if let Some(engine) = settings.engine.filter(|_| baked.lightmap.is_some()) {
         let glb = settings.gltf_profiles().contains(&GltfProfile::Engine).then(|| named(scene, GLB));
         let path = staging.path(named(scene, NOTE))?;
-        std::fs::write(&path, engines::note(engine, baked, glb.as_deref())).map_err(|e| Error::io(&path, e))?;
+        let is_bright = |lightmap: &Lightmap| (0..lightmap.pages.len()).any(|page| exceeds_half(lightmap, page));
+        let told = engines::Told {
+            glb: glb.as_deref(),
+            float: settings.float || baked.lightmap.is_some_and(is_bright),
+            directional: settings.directional,
+            probes: settings.probes.is_some(),
+        };
+        std::fs::write(&path, engines::note(engine, baked, &told)).map_err(|e| Error::io(&path, e))?;
     }
     let mut glbs = Vec::new();
     for profile in settings.gltf_profiles() {
@@ -128,7 +135,7 @@ fn write_pages(
             if form.encoding == Encoding::Exr {
                 let clamped = write_exr(baked, lightmap, number, path, settings)?;
                 if clamped > 0 {
-                    warnings.add(place(clamped), "too bright for half floats; bake with --float");
+                    warnings.add(place(clamped), "not a number: 0 was written");
                 }
                 continue;
             }
@@ -151,7 +158,7 @@ fn page_layer(layer: &Layer, page: usize) -> PageLayer<'_> {
     PageLayer { name, channels: *channels, unit, values: &pages[page] }
 }
 
-/// Writes page `number` with all layers; returns how many texels half floats could not hold.
+/// Writes page `number` with all layers, as 32-bit floats where half floats can't hold it; returns how many texels were no numbers.
 fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, settings: &Settings) -> Result<usize> {
     let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let header = PageHeader {
@@ -162,7 +169,8 @@ fn write_exr(baked: &Baked, lightmap: &Lightmap, number: usize, path: &Path, set
         directional: settings.directional,
     };
     let layers: Vec<PageLayer> = lightmap.layers.iter().map(|layer| page_layer(layer, number)).collect();
-    write_page(path, &lightmap.pages[number], &layers, &header, settings.float)
+    let float = settings.float || exceeds_half(lightmap, number);
+    write_page(path, &lightmap.pages[number], &layers, &header, float)
 }
 
 /// Writes the light probes into the staging folder, where there are any.

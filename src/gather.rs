@@ -8,7 +8,7 @@
 use crate::Result;
 use crate::color::Rgb;
 use crate::light::Lit;
-use crate::light::direct::{Direct, hemisphere_weight};
+use crate::light::direct::Direct;
 use crate::moments::Moments;
 use crate::patch::{Ground, NONE, Reflectance};
 use crate::progress::Progress;
@@ -329,8 +329,7 @@ fn collect(lit: &Lit, sources: &Sources, samples: u32, i: usize) -> Collected {
                 }
                 None => {
                     if let Some(s) = &lights.sky {
-                        let weight = hemisphere_weight(lights, params, ray.direction, *cos);
-                        let arriving = s.radiance(ground.scene, ray.direction) * tint * (weight * PI);
+                        let arriving = s.smooth(ground.scene, ray.direction) * tint * PI;
                         sky += arriving;
                         collected.add_direction(arriving / (2 * half) as f32, ray.direction, *cos);
                     }

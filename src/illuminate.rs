@@ -341,7 +341,9 @@ pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     };
     match settings.method {
         Method::Radiosity => false,
-        Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),
+        Method::Path => {
+            settings.time_budget.is_some() || !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses)
+        }
         Method::Ray | Method::Bidirectional | Method::Metropolis | Method::Photon => true,
     }
 }

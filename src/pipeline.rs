@@ -10,7 +10,7 @@ use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
-use crate::meshing::{self, VertexLight, VertexReport, vertex_light};
+use crate::meshing::{self, MeshMode, VertexLight, VertexReport, vertex_light};
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
 use crate::post::LayerKind;
 use crate::progress::Progress;
@@ -21,7 +21,7 @@ use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
-use crate::write::{self, Baked, GltfProfile, output::Staging, view_factors::refuse_other, watch};
+use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
 
 pub use crate::report::Report;
@@ -86,6 +86,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     warn_of_panes(&loaded.scene, &mut report, settings);
     warn_of_masks(&loaded.scene, &mut report, settings);
     warn_of_doubts(&mut report, settings);
+    warn_of_idle_settings(&loaded.scene, &mut report, settings);
     report.describe_probes(&lit.probes);
     finish(&loaded, &atlas, Some(&lit), folder, settings, &clock, report)
 }
@@ -162,6 +163,19 @@ fn warn_of_masks(scene: &Scene, report: &mut Report, settings: &Settings) {
             let message = format!("has no shadow mask: there are more than {MOST_MASKS}; choose by shadow-mask");
             report.warnings.add(&scene.lights[light].name, message);
         }
+    }
+}
+
+/// Says which settings did nothing.
+fn warn_of_idle_settings(scene: &Scene, report: &mut Report, settings: &Settings) {
+    // The sun that settings add is in no file.
+    if settings.lights == BakedLights::Remove && scene.lights.iter().all(|light| light.name == "--sun") {
+        report.warnings.add("lights remove", "the scene has no lights that could be removed; it did nothing");
+    }
+    if settings.vertex_error.is_some() && settings.mesh == MeshMode::Given {
+        let message =
+            "is about meshes that follow the light and did nothing; choose the mesh adaptive or discontinuity";
+        report.warnings.add("vertex-error", message);
     }
 }
 
@@ -322,9 +336,10 @@ fn finish(
     let lightmap = lit.map(|lit| &lit.lightmap);
     let vertices = lit.map(|lit| light_vertices(loaded, atlas, lit, settings, clock)).transpose()?.flatten();
     let vertices = vertices.map(|(vertices, of_vertices)| {
-        if settings.max_triangles.is_some_and(|most| of_vertices.given_triangles > most) {
-            let place = format!("{} triangles", of_vertices.given_triangles);
-            report.warnings.add(place, "more than max-triangles before anything is cut; meshes were left as they are");
+        if let Some(most) = settings.max_triangles.filter(|most| *most < of_vertices.given_triangles) {
+            let message =
+                "fewer than the meshes have as they are, and none of those is taken away: no triangle was cut";
+            report.warnings.add(format!("max-triangles {most} (given: {})", of_vertices.given_triangles), message);
         }
         report.vertices = Some(of_vertices);
         vertices

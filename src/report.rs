@@ -13,7 +13,7 @@ use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::AuthoredUvs;
 use crate::write::encode::Encoding;
-use crate::write::exr::channel_names;
+use crate::write::exr::{channel_names, exceeds_half};
 use crate::write::{Baked, probes::FILES as PROBE_FILES};
 use cpu_time::ProcessTime;
 use serde::Serialize;
@@ -141,6 +141,9 @@ pub struct PageReport {
     pub uri: Option<String>,
     pub width: u32,
     pub height: u32,
+    /// `half` or `float`, what an OpenEXR page's channels are; absent in other forms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples: Option<&'static str>,
     /// Share of the texels that are covered at least in part.
     pub utilisation: Option<f64>,
 }
@@ -241,6 +244,10 @@ impl Report {
                 true => noise,
                 false => format!("{noise}, energy balance {balance:+.3} %"),
             });
+            let bright = self.pages.iter().filter(|p| p.samples == Some("float") && !self.settings.float).count();
+            if bright > 0 {
+                lines.push(format!("{bright} page(s) hold more than half floats do (65504): written as 32-bit floats"));
+            }
             if let Some(v) = self.vertices.as_ref().filter(|v| v.mode != MeshMode::Given) {
                 let (from, to, asked) = (v.given_triangles, v.triangles, v.error);
                 let within = format!("{:.1} % of the area within {asked} %, 95 % within {:.2} %", v.within, v.p95);
@@ -299,7 +306,10 @@ impl Report {
         self.pages = (atlas.pages.iter().take(atlas.shown_pages).enumerate())
             .map(|(page, &[width, height])| {
                 let coverage = baked.lightmap.map(|l| l.pages[page].coverage.iter().filter(|c| **c > 0.0).count());
+                let is_float = |l| self.settings.float || exceeds_half(l, page);
+                let is_exr = baked.encoded.iter().any(|f| f.encoding == Encoding::Exr);
                 PageReport {
+                    samples: baked.lightmap.filter(|_| is_exr).map(|l| if is_float(l) { "float" } else { "half" }),
                     uri: baked.page_uris.get(page).cloned(),
                     width,
                     height,

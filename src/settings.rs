@@ -258,9 +258,6 @@ pub enum Normals {
     Geometric,
 }
 
-/// Brightness samples of a sky with a picture for each ray of the final gather.
-const SKY_RATIO: f32 = 0.5;
-
 /// Cells along an edge of a hemicube's top, and hemicubes for each element: elements are small, one would nearly do.
 const HEMICUBE: u32 = 64;
 const HEMICUBE_POINTS: u32 = 4;
@@ -360,8 +357,6 @@ impl Settings {
             first_samples,
             shadow_error,
             cluster_samples: preset.cluster_samples,
-            sky_ratio: SKY_RATIO,
-            gather_samples: self.gather_samples(),
             shading_normals: self.normals == Normals::Shading,
             moments: self.directional != Directional::Off,
             seed: self.seed,
@@ -431,16 +426,24 @@ impl Settings {
 
     /// True where something is set that means nothing to blocks.
     fn asks_for_elements(&self) -> bool {
-        self.solver != Solver::Auto
-            || self.form_factors != FormFactors::Area
-            || self.hemicube.is_some()
-            || self.elements.is_some()
-            || self.link_error.is_some()
-            || self.iterations.is_some()
-            || self.overshoot
-            || self.ambient
-            || self.samples.is_some()
-            || self.watch.is_some()
+        self.for_elements().is_some()
+    }
+
+    /// The first setting that means nothing to blocks, where one is set.
+    fn for_elements(&self) -> Option<&'static str> {
+        let all = [
+            (self.solver != Solver::Auto, "solver"),
+            (self.form_factors != FormFactors::Area, "form-factors"),
+            (self.hemicube.is_some(), "hemicube"),
+            (self.elements.is_some(), "elements"),
+            (self.link_error.is_some(), "link-error"),
+            (self.iterations.is_some(), "iterations"),
+            (self.overshoot, "overshoot"),
+            (self.ambient, "ambient"),
+            (self.samples.is_some(), "samples"),
+            (self.watch.is_some(), "watch"),
+        ];
+        all.iter().find(|(is_set, _)| *is_set).map(|(_, name)| *name)
     }
 
     /// The error that blocks aim at: a share, not a percentage.

@@ -355,6 +355,67 @@ fn a_bake_writes_its_folder_and_says_so() {
     assert_eq!(f.run(&["compare", page, page]).status.code(), Some(0));
 }
 
+/// The report of a bake of `a.glb` with `flags`, and what was said.
+fn reported(f: &Folder, flags: &[&str]) -> (serde_json::Value, String) {
+    let args: Vec<&str> =
+        ["bake", "a.glb", "--resolution", "64", "--quality", "draft"].iter().chain(flags).copied().collect();
+    let output = f.run(&args);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let report = std::fs::read_to_string(f.0.join("a_baked/report.json")).unwrap();
+    (serde_json::from_str(&report).unwrap(), stderr(&output))
+}
+
+#[test]
+fn light_beyond_half_floats_is_held_and_balanced() {
+    let f = Folder::new("bright");
+    f.write("a.glb", grid(2, false));
+    let sun = ["--sun", "60,120,900000", "--sky", "100,100,100"];
+    let with = |more: &[&str]| reported(&f, &[&sun[..], more].concat());
+    let note = || std::fs::read_to_string(f.0.join("a_baked/a.loading.txt")).unwrap();
+    let (report, said) = with(&["--for", "three"]);
+    assert_eq!(report["pages"][0]["samples"], "float");
+    assert!(said.contains("written as 32-bit floats") && !said.contains("does not close"), "{said}");
+    assert!(report["energy"]["imbalance"].as_f64().unwrap().abs() < 0.01, "{}", report["energy"]);
+    assert!(!report["warnings"].to_string().contains("half"), "{}", report["warnings"]);
+    assert!(note().contains("THREE.FloatType"), "{}", note());
+    let (report, said) = with(&["--for", "bevy"]);
+    let scale = report["encodings"][0]["scale"].as_f64().unwrap();
+    assert!(scale > 1.0 && note().contains(&format!("lightmap_exposure = {scale}")), "{scale}: {}", note());
+    assert!(!report["warnings"].to_string().contains("can hold") && !said.contains("does not close"), "{said}");
+    let (report, said) = reported(&f, &["--sky", "100,100,100", "--for", "three"]);
+    assert_eq!(report["pages"][0]["samples"], "half");
+    assert!(!said.contains("32-bit") && !note().contains("FloatType"), "{said}");
+}
+
+#[test]
+fn settings_that_do_nothing_are_told() {
+    let f = Folder::new("idle");
+    f.write("a.glb", grid(2, false));
+    let (report, _) = reported(&f, &["--lights", "remove", "--vertex-error", "3%", "--sky", "100,100,100"]);
+    let warnings = report["warnings"].to_string();
+    assert!(warnings.contains("no lights that could be removed") && warnings.contains("vertex-error"), "{warnings}");
+    f.write("a.glb", grid(2, true));
+    let (report, _) = reported(&f, &["--mesh", "adaptive", "--max-triangles", "1"]);
+    let warnings = report["warnings"].to_string();
+    assert!(warnings.contains("max-triangles 1 (given:"), "{warnings}");
+    assert_eq!(report["vertices"]["triangles"], report["vertices"]["given_triangles"]);
+    let (report, _) = reported(&f, &["--mesh", "adaptive", "--lights", "mark"]);
+    assert!(!report["warnings"].to_string().contains("triangle"), "{}", report["warnings"]);
+}
+
+#[test]
+fn messages_name_what_stands_in_the_way() {
+    let f = Folder::new("way");
+    f.write("a.glb", grid(2, true));
+    f.write("file", "");
+    let text = stderr(&f.run(&["bake", "a.glb", "-o", "file/below"]));
+    assert!(text.contains("output folder can't be made") && text.contains("-o"), "{text}");
+    let text = stderr(&f.run(&["bake", "a.glb", "--error", "2%", "--method", "path"]));
+    assert!(text.contains("--error") && text.contains("method path"), "{text}");
+    let text = stderr(&f.run(&["bake", "a.glb", "--error", "2%", "--hemicube", "32", "--form-factors", "hemicube"]));
+    assert!(text.contains("--error") && text.contains("form-factors"), "{text}");
+}
+
 #[test]
 fn an_error_or_time_that_cannot_be_had_is_refused() {
     let f = Folder::new("error-refused");

@@ -103,6 +103,24 @@ fn multipliers_come_back_as_engines_decode_them() {
     }
 }
 
+#[test]
+fn half_floats_hold_any_light_by_a_scale() {
+    let mut page = page();
+    assert_eq!([1.0, 65504.0].map(|v| Encoding::Ktx2Half.scale(v)), [1.0; 2]);
+    assert_eq!([65505.0, 131_008.0, 2e5].map(|v| Encoding::Ktx2Bc6h.scale(v)), [2.0, 2.0, 4.0]);
+    page.rgb.iter_mut().for_each(|c| *c *= 1e4);
+    let scale = header(Encoding::Ktx2Half, &page, 1).scale;
+    let bytes = written("bright", &page, Encoding::Ktx2Half, 1);
+    let (levels, _) = levels(&bytes, ktx2::Format::R16G16B16A16_SFLOAT);
+    let value = |b: &[u8]| half::f16::from_le_bytes([b[0], b[1]]).to_f32() * scale;
+    let found: Vec<Rgb> = levels[0].chunks(8).map(|t| Rgb::new(value(t), value(&t[2..]), value(&t[4..]))).collect();
+    let (bias, worst) = errors(&page, &found);
+    assert!(scale > 1.0 && bias.abs() < 1e-4 && worst < 1e-3, "scale {scale}: bias {bias}, worst {worst}");
+    let reader = ktx2::Reader::new(&bytes).unwrap();
+    let told = reader.key_value_data().find(|(key, _)| *key == "lumel.scale").map(|(_, value)| value.to_vec());
+    assert_eq!(told, Some(format!("{scale}\0").into_bytes()));
+}
+
 /// The format's own descriptor by the reader's tables, then the levels' bytes.
 fn levels(bytes: &[u8], format: ktx2::Format) -> (Vec<Vec<u8>>, ktx2::Header) {
     let reader = ktx2::Reader::new(bytes).unwrap();

@@ -6,6 +6,7 @@ use glam::{Affine3A, Mat3, Vec2, Vec3};
 use lumel::color::Rgb;
 use lumel::contour::point_to_polygon;
 use lumel::illuminate::Illuminated;
+use lumel::scene::clear_sky::ClearSky;
 use lumel::scene::projector::{TargetPlane, Throw};
 use lumel::scene::web::WebKind;
 use lumel::scene::{
@@ -365,6 +366,23 @@ fn lights_reach_and_are_blocked_by_linked_surfaces_alone() {
             }
         }
     }
+}
+
+#[test]
+fn what_is_even_in_a_sky_s_picture_takes_few_samples() {
+    // A clear sky's glow and a horizon brighter than the zenith, and a shelf's shadow, in which every patch used to take a thousand samples.
+    let shelf = Quad::new([-0.6, 0.4, -0.5], [0., 0., 1.0], [1.2, 0., 0.]).albedo(0.5).double_sided();
+    let mut scene = scene(&[floor(), shelf]);
+    let towards = lumel::scene::clear_sky::towards(40.0, 120.0);
+    scene.textures.push(ClearSky::new(towards, 3.0).picture());
+    scene.environment = Some(Environment { texture: Some(0), ..Environment::constant("sky", Rgb::ONE) });
+    let baked = bake(&scene, &atlas(2, 24), &Settings { error: Some(2.0), ..draft() });
+    let paths = bake(&scene, &atlas(2, 24), &Settings { method: Method::Path, samples: Some(2048), ..draft() });
+    let (a, b) = (mean(&baked, 0).x, mean(&paths, 0).x);
+    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
+    let rays = baked.direct.rays as f64 / baked.patches.len() as f64;
+    println!("{rays:.0} rays a patch, {:.2} %", 100.0 * (a / b - 1.0));
+    assert!(rays < 100.0, "{rays} rays a patch");
 }
 
 #[test]

@@ -95,6 +95,50 @@ fn directions_follow_their_densities() {
 }
 
 #[test]
+fn what_is_sharp_and_what_is_smooth_of_a_sky_add_up() {
+    // An even sky with a lamp; one with a lamp alone; an even one.
+    let skies: [(&dyn Fn(u32, u32) -> f32, bool, f32); 3] = [
+        (&|x, y| if (8..10).contains(&x) && (10..12).contains(&y) { 300.0 } else { 0.5 + 0.01 * y as f32 }, true, 4.0),
+        (&|x, y| if (8..10).contains(&x) && (10..12).contains(&y) { 300.0 } else { 0.0 }, true, 0.0),
+        (&|x, _| 1.0 + (x % 3) as f32, false, 4.0),
+    ];
+    for (value, is_sharp, most) in skies {
+        let texels = (0..64 * 32).map(|i| [value(i % 64, i / 64); 3]).map(|[r, g, b]| [r, g, b, 1.0]).collect();
+        let picture = Texture { name: String::new(), width: 64, height: 32, texels: Texels::Float(texels) };
+        let scene = Scene { textures: vec![picture], ..Scene::default() };
+        let environment = Environment { texture: Some(0), ..Environment::constant("sky", Rgb::ONE) };
+        let sky = Sky::new(&scene, &environment);
+        assert_eq!(sky.is_sharp(), is_sharp);
+        for i in 0..4096 {
+            let d = warp_sphere(random(i));
+            let (whole, parts) = (sky.radiance(&scene, d), sky.smooth(&scene, d) + sky.sharp(&scene, d));
+            assert!((whole - parts).abs().max_element() <= 1e-5 * whole.max_element(), "{whole} {parts}");
+            // Between the lamp's cells and those beside it values are blended: a cell has one share.
+            assert!(sky.smooth(&scene, d).x <= 3.0 * most.max(1e-4) + 1e-3, "{}", sky.smooth(&scene, d).x);
+        }
+        if is_sharp {
+            let mut sum = 0.0f64;
+            for i in 0..SAMPLES {
+                let [u, v] = random(i);
+                let (d, pdf) = sky.sample_sharp([u, v, 0.5]).unwrap();
+                sum += f64::from(sky.sharp(&scene, d).x / pdf) / f64::from(SAMPLES);
+            }
+            let quadrature: f64 = (0..SAMPLES * 4)
+                .map(|i| f64::from(sky.sharp(&scene, warp_sphere(random(i))).x) * 4.0 * PI / f64::from(SAMPLES * 4))
+                .sum();
+            assert!((sum / quadrature - 1.0).abs() < 0.05, "{sum} {quadrature}");
+        }
+    }
+}
+
+/// A direction uniform over the sphere.
+fn warp_sphere([u, v]: [f32; 2]) -> Vec3 {
+    let (z, a) = (1.0 - 2.0 * u, std::f32::consts::TAU * v);
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(r * a.cos(), z, r * a.sin())
+}
+
+#[test]
 fn spherical_triangles_follow_their_density() {
     let corners = [DVec3::new(1.0, 0.2, 0.1), DVec3::new(-0.3, 0.8, 0.2), DVec3::new(0.2, 0.1, 1.0)];
     // A large one, one seen from close to its edge, and both windings.

@@ -13,7 +13,7 @@ use super::{BlockParams, SHARE};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::gather::Backs;
-use crate::light::direct::{Arriving, hemisphere_weight};
+use crate::light::direct::Arriving;
 use crate::light::{Direct, Lit};
 use crate::patch::NONE;
 use crate::progress::Progress;
@@ -314,9 +314,7 @@ impl<'a> Field<'a> {
         for (block, found) in self.blocks.list[..self.blocks.fronts()].iter().zip(&self.sampled) {
             for half in &found.halves {
                 for direction in half.sky.iter().map(SkyLink::direction) {
-                    let cos = found.drawn.normals.facing(direction).0;
-                    let share = hemisphere_weight(self.lit.lights, self.lit.params, direction, cos);
-                    let radiance = luminance(sky.radiance(self.lit.ground.scene, direction)) * share;
+                    let radiance = luminance(sky.smooth(self.lit.ground.scene, direction));
                     all.push(Escaped { origin: block.centre, direction, radiance });
                 }
             }

@@ -12,7 +12,6 @@ use super::show::read_between;
 use super::smooth::fit;
 use super::sweep::{Radiosity, System};
 use crate::color::{Rgb, luminance};
-use crate::light::direct::hemisphere_weight;
 use crate::moments::Moments;
 use crate::patch::NONE;
 use glam::Vec3;
@@ -126,10 +125,9 @@ fn of_half(system: &System, radiosity: &Radiosity, b: usize, half: usize, normal
     }
     for (link, weight, tint) in half.sky_seen() {
         let direction = link.direction();
-        let (cos, solid_angle) = found.drawn.solid_angle(direction, weight);
-        let radiance = lit.lights.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.radiance(lit.ground.scene, direction));
-        let share = hemisphere_weight(lit.lights, lit.params, direction, cos);
-        put(radiance * tint * share, solid_angle, direction);
+        let (_, solid_angle) = found.drawn.solid_angle(direction, weight);
+        let radiance = lit.lights.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.smooth(lit.ground.scene, direction));
+        put(radiance * tint, solid_angle, direction);
     }
     if let ([sum], [normal], 0) = (&mut sums[..], normals, half.lost) {
         evened(sum, &even, *normal);

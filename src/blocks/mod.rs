@@ -86,6 +86,11 @@ const SPLITS: usize = 2;
 /// Rounds with fewer samples than this share of all before bring nothing.
 const WORTHWHILE: f64 = 0.05;
 
+/// The share of the samples that are left which a look that goes part of the way may take: what is split after it starts anew.
+const PART: f64 = 0.6;
+/// Samples left, over all before, below which nothing is split: its parts would stay noisier than the whole was.
+const LEAST_LEFT: f64 = 0.2;
+
 /// Residual at which sweeps end between rounds.
 const ROUGH: f64 = 0.01;
 
@@ -213,7 +218,8 @@ impl<'a> Run<'a> {
                 return Ok(judged.left);
             }
             let coarse = too_coarse(&self.field, &judged.stakes, &judged.smoothed, DETAIL_PART * aim as f32);
-            let is_split = round <= SPLITS && self.split(&coarse);
+            let can_split = round <= SPLITS && self.samples_left() > LEAST_LEFT * self.field.rays as f64;
+            let is_split = can_split && self.split(&coarse);
             if is_split {
                 self.field.meet();
             }
@@ -237,11 +243,14 @@ impl<'a> Run<'a> {
         }
         let stakes = Stakes::new(&self.field, &self.variance, self.direct, self.gain);
         let target = (NOISE_PART * aim / effort::LOCAL_PART).powi(2) * if part { 2.0 } else { 1.0 };
-        let params = self.field.params;
+        stakes.plan(&self.field, target, self.samples_left() * if part { PART } else { 1.0 })
+    }
+
+    /// Samples that may still be taken, in the time that is left.
+    fn samples_left(&self) -> f64 {
         let texels = self.field.lit.ground.patches.len() as f64;
-        let left = self.time_left().zip(self.rate).map(|(time, rate)| time * rate);
-        let most = (params.most_samples * texels - self.field.rays as f64).max(0.0);
-        stakes.plan(&self.field, target, most.min(left.unwrap_or(f64::INFINITY)))
+        let in_time = self.time_left().zip(self.rate).map_or(f64::INFINITY, |(time, rate)| time * rate);
+        (self.field.params.most_samples * texels - self.field.rays as f64).max(0.0).min(in_time)
     }
 
     /// Looks, solves and judges.

@@ -312,7 +312,7 @@ impl Draw<'_> {
             radius: footprint.radius(position),
             sequence: Sequence::new(self.seed, Stage::Back, i as u64),
         };
-        let params = DirectParams { shading_normals: false, first_samples: 1, gather_samples: 1, ..params.clone() };
+        let params = DirectParams { shading_normals: false, first_samples: 1, ..params.clone() };
         glimpse(ground.scene, ground.tracer, lights, &receiver, &params)
     }
 

@@ -9,7 +9,6 @@ use super::shoot::Sampled;
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::light::Lit;
-use crate::light::direct::hemisphere_weight;
 use crate::patch::NONE;
 use crate::progress::Progress;
 use glam::Vec3;
@@ -118,8 +117,7 @@ impl System<'_> {
             let (mean, w) = found.drawn.solid_angle(direction, weight);
             let cos = normal.map_or(mean, |n| n.dot(direction));
             if cos > 0.0 {
-                let share = hemisphere_weight(self.lit.lights, self.lit.params, direction, cos);
-                add(sky.radiance(self.lit.ground.scene, direction) * tint * (share * cos * w));
+                add(sky.smooth(self.lit.ground.scene, direction) * tint * (cos * w));
             }
         }
     }

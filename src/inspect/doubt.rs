@@ -26,6 +26,12 @@ pub fn doubts(scene: &Scene) -> Warnings {
             let message = "emits more than 1e7 nit, as no lamp does; check its unit, or scale it with [[materials]]";
             warnings.add(format!("{} ({:.1e} nit)", surface.name, part.brightest), message);
         }
+        let takes_texels = surface.role.receives && surface.role.lightmapped;
+        if takes_texels && part.area > 0.0 && part.clear == part.area {
+            let message = "shows nothing and stops no light (opacity 0), but takes texels of the pages; leave it out with \
+                           [[objects]] skip = true, or keep it off the pages with lightmapped = false";
+            warnings.add(format!("{} ({:.3} m^2)", surface.name, part.area), message);
+        }
         all.add(part);
     }
     let size = (all.high - all.low).max_element();
@@ -52,6 +58,8 @@ struct Part {
     area: f64,
     white: f64,
     black: f64,
+    /// Of opacity 0, whatever its textures say, and without emission.
+    clear: f64,
     /// Highest emission [nit].
     brightest: f32,
     low: Vec3,
@@ -60,7 +68,8 @@ struct Part {
 
 impl Default for Part {
     fn default() -> Self {
-        Self { area: 0.0, white: 0.0, black: 0.0, brightest: 0.0, low: Vec3::INFINITY, high: Vec3::NEG_INFINITY }
+        let (low, high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        Self { area: 0.0, white: 0.0, black: 0.0, clear: 0.0, brightest: 0.0, low, high }
     }
 }
 
@@ -78,6 +87,10 @@ impl Part {
             // What shines need not reflect.
             let is_black = albedo.max_element() == 0.0 && !scene.material(surface, t).is_emissive();
             part.black += if is_black { area } else { 0.0 };
+            let material = scene.material(surface, t);
+            // Alpha of textures and vertices only takes away.
+            let is_clear = material.alpha.share(1.0) == 0.0 && !material.is_emissive();
+            part.clear += if is_clear { area } else { 0.0 };
             part.brightest = part.brightest.max(emission_at(scene, mesh, t, middle).max_element());
             part.low = part.low.min(a).min(b).min(c);
             part.high = part.high.max(a).max(b).max(c);
@@ -97,7 +110,7 @@ impl Part {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Mesh, Surface, SurfaceOrigin, TriangleOrigin};
+    use crate::scene::{Alpha, Material, Mesh, Surface, SurfaceOrigin, TriangleOrigin};
     use glam::Affine3A;
 
     /// Two triangles of equal area, `size` [m] long, in the materials given.
@@ -129,6 +142,11 @@ mod tests {
         assert!(messages(2.0, [of(0.0), of(0.0)]).contains("exactly black"));
         assert!(messages(0.001, [of(0.5), of(0.5)]).contains("unlikely size"));
         assert!(messages(9000.0, [of(0.5), of(0.5)]).contains("unlikely size"));
+        let clear = Material { alpha: Alpha::Mask { cutoff: 0.5, opacity: 0.0 }, ..of(0.5) };
+        assert!(
+            messages(2.0, [clear.clone(), clear.clone()]).contains("(4.000 m^2): shows nothing and stops no light")
+        );
+        assert_eq!(messages(2.0, [of(0.5), clear]), "");
         let bright = Material { emission: Vec3::splat(1e9), ..of(0.0) };
         assert!(messages(2.0, [of(0.5), bright]).starts_with("a (1.0e9 nit): emits"));
     }

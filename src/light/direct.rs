@@ -1,5 +1,5 @@
 //! Direct light at every patch: what arrives from each light without occluders, exact or nearly so, times the share of the
-//! light that is seen ([`shadow`](super::shadow)); brightness samples for a sky with a picture.
+//! light that is seen ([`shadow`](super::shadow)); brightness samples for what is sharp of a sky ([`sharp_sky`](super::sharp_sky)).
 //!
 //! A few shadow rays go from every patch to every light. Where they and those of the patches around agree, they are right,
 //! and without noise. Where some see the light and some don't, a shadow's edge is near: the patch looks closely, with as
@@ -9,7 +9,8 @@ use super::emitter::{Emitter, Sight};
 use super::penumbra::Penumbra;
 use super::receiver::Site;
 use super::shadow::{Ballot, Examined, Look, Volley, examine, glance};
-use super::skylight::{from_sky, through_portals};
+use super::sharp_sky::add_sky;
+use super::skylight::{self, SkyLook};
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -24,7 +25,6 @@ use std::ops::Range;
 use std::sync::Arc;
 
 pub use super::receiver::{Arriving, Receiver};
-pub use super::skylight::hemisphere_weight;
 
 /// How much effort direct light gets.
 #[derive(Clone, Debug)]
@@ -35,10 +35,6 @@ pub struct DirectParams {
     pub shadow_error: f32,
     /// Shadow samples shared among the clusters of a cut through many polygons, and of each polygon whose light varies. At least 1.
     pub cluster_samples: u32,
-    /// Brightness samples of a sky with a picture, for each ray of the final gather; 0 leaves the sky to the gather alone.
-    pub sky_ratio: f32,
-    /// Rays of the final gather.
-    pub gather_samples: u32,
     /// Whether irradiance is shown about the interpolated normal.
     pub shading_normals: bool,
     /// Whether stages find where their light comes from ([`crate::moments`]), too.
@@ -46,7 +42,7 @@ pub struct DirectParams {
     pub seed: u32,
 }
 
-/// Irradiance straight from lights [lx], one a patch. The share of the sky that the gather finds is not in it.
+/// Irradiance straight from lights [lx], one a patch. Of the sky only what is sharp is in it ([`Sky::sharp`](super::Sky::sharp)).
 #[derive(Clone, Debug)]
 pub struct Direct {
     /// About the normal that is shown.
@@ -66,15 +62,15 @@ pub(super) const SHARE: usize = 8;
 /// Blocks that are glanced at before what was seen is put away.
 const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
-const MOST_SAMPLES: u32 = 1024;
+pub(super) const MOST_SAMPLES: u32 = 1024;
 /// The same from one of the several receivers of a surface that no texel shows.
 pub(super) const MOST_ARRIVING: u32 = 64;
 /// What neighbours take out of it, noise may be more at first.
 pub(super) const GRAIN: f32 = 2.0;
 /// Patches that keep more than this share of their difference to those around are looked at until they have no noise to speak of.
-const SHARP: f32 = 0.5;
+pub(super) const SHARP: f32 = 0.5;
 /// How often shadow edges are followed to patches around; each time by one patch.
-const MOST_ROUNDS: usize = 16;
+pub(super) const MOST_ROUNDS: usize = 16;
 
 /// Direct light at every patch that is not buried.
 ///
@@ -82,7 +78,8 @@ const MOST_ROUNDS: usize = 16;
 /// `Cancelled`.
 pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let patches = lit.ground.patches;
-    progress.begin("direct", patches.len() as u64);
+    let has_sky = lit.lights.has_sharp_sky();
+    progress.begin("direct", patches.len() as u64 * if has_sky { 3 } else { 1 });
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
     let (mut arriving, mut ballots) = (Vec::with_capacity(patches.len()), Vec::with_capacity(patches.len()));
     let mut around = Vec::with_capacity(blocks.len());
@@ -106,8 +103,8 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let close = Close { lit, blocks: &blocks, around: &around, progress };
     let noise = close.follow(ballots, &mut arriving)?;
     close.settle(noise, &mut arriving)?;
-    if lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) || !lit.lights.portals.is_empty() {
-        add_sky(lit, &blocks, &mut arriving, progress)?;
+    if has_sky {
+        add_sky(lit, &blocks, &around, &mut arriving, progress)?;
     }
     let mut inflow = DVec3::ZERO;
     for (i, a) in arriving.iter().enumerate().filter(|(i, _)| lit.ground.casts(*i)) {
@@ -148,8 +145,15 @@ fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let error = sight.params.shadow_error;
     let look = Look { closely, around: 0.0, error, most_samples: MOST_ARRIVING, evenly: false };
     let mut sum = examine(sight, &emitters, &site, look, &mut Volley::default()).arriving;
-    from_sky(sight, receiver, false, &mut sum);
-    through_portals(sight, receiver, false, &mut sum);
+    let sky = match closely {
+        0 => SkyLook::FIRST,
+        _ => SkyLook { closely: true, around: luminance(sum.transport), error, most_samples: MOST_ARRIVING },
+    };
+    let sky = skylight::look(sight, receiver, sky).arriving;
+    sum.transport += sky.transport;
+    sum.shown += sky.shown;
+    sum.other += sky.other;
+    sum.rays += sky.rays;
     sum
 }
 
@@ -251,34 +255,6 @@ impl Close<'_> {
             .collect::<Result<_>>()?;
         Ok(looked.into_iter().flatten().collect())
     }
-}
-
-/// Adds what brightness samples find of the sky.
-fn add_sky(lit: &Lit, blocks: &[Range<usize>], arriving: &mut [Arriving], progress: &dyn Progress) -> Result<()> {
-    let found: Vec<Vec<Arriving>> = blocks
-        .par_iter()
-        .with_max_len(SHARE)
-        .map(|block| {
-            progress.check()?;
-            let all: Vec<usize> = block.clone().collect();
-            Ok(at_block(lit, block, &all, |sight, _, sites| {
-                let sky = |site: &Site| {
-                    let mut sum = Arriving::default();
-                    from_sky(sight, site.receiver, true, &mut sum);
-                    through_portals(sight, site.receiver, true, &mut sum);
-                    sum
-                };
-                sites.iter().map(sky).collect()
-            }))
-        })
-        .collect::<Result<_>>()?;
-    for (sum, sky) in arriving.iter_mut().zip(found.into_iter().flatten()) {
-        sum.transport += sky.transport;
-        sum.shown += sky.shown;
-        sum.other += sky.other;
-        sum.rays += sky.rays;
-    }
-    Ok(())
 }
 
 /// Applies `look` to the sites of `members` of a block, in the light of the block's emitters; buried members have none, and get

@@ -9,7 +9,7 @@
 //! Cost: about that of direct light without its close looks; none where it isn't asked for.
 
 use super::Lit;
-use super::direct::{BLOCK_LEVEL, Direct, GRAIN, MOST_ARRIVING, SHARE, at_block, hemisphere_weight};
+use super::direct::{BLOCK_LEVEL, Direct, GRAIN, MOST_ARRIVING, SHARE, at_block};
 use super::emitter::{Emitter, Shot, Sight, Way};
 use super::receiver::{Evenness, Receiver, Site};
 use super::shadow::{Look, Volley, examine};
@@ -43,7 +43,7 @@ pub fn incident(lit: &Lit, direct: &Direct, progress: &dyn Progress) -> Result<V
     let patches = lit.ground.patches;
     progress.begin("directions", patches.len() as u64);
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
-    let has_sky = lit.lights.sky.as_ref().is_some_and(|sky| sky.has_picture()) || !lit.lights.portals.is_empty();
+    let has_sky = lit.lights.has_sharp_sky();
     let of_block = |block: &std::ops::Range<usize>| {
         progress.check()?;
         progress.advance(block.len() as u64);
@@ -158,19 +158,17 @@ fn direction(shot: &Shot) -> Vec3 {
     }
 }
 
-/// The share of a sky's picture that brightness samples carry, see [`hemisphere_weight`].
+/// What is sharp of a sky's picture.
 fn from_sky(sight: &Sight, receiver: &Receiver, sum: &mut Moments) {
-    let Sight { lights, params, scene, .. } = *sight;
-    let Some(sky) = lights.sky.as_ref().filter(|s| s.has_picture() && params.sky_ratio > 0.0) else { return };
+    let Sight { lights, scene, .. } = *sight;
+    let Some(sky) = lights.sky.as_ref().filter(|sky| sky.is_sharp()) else { return };
     for index in 0..SKY_SAMPLES {
         let [u, v, x, y] = receiver.sequence.point(index, 61);
         let [choice, ..] = receiver.sequence.point(index, 62);
-        let Some((towards, pdf)) = sky.sample([u, v, choice]) else { continue };
+        let Some((towards, pdf)) = sky.sample_sharp([u, v, choice]) else { continue };
         let point = (receiver.sample)([x, y]);
-        let cos = point.normal.dot(towards);
-        if cos > 0.0 {
-            let share = 1.0 - hemisphere_weight(lights, params, towards, cos);
-            let light = sky.radiance(scene, towards) * (share / (pdf * SKY_SAMPLES as f32));
+        if point.normal.dot(towards) > 0.0 {
+            let light = sky.sharp(scene, towards) / (pdf * SKY_SAMPLES as f32);
             sum.receive(light * passing(sight, &point, towards, None), towards);
         }
     }

@@ -15,6 +15,7 @@ pub mod polygon;
 pub mod portal;
 pub mod receiver;
 mod shadow;
+mod sharp_sky;
 pub mod sky;
 mod skylight;
 pub mod terminator;
@@ -110,6 +111,11 @@ impl Lights {
     /// True where nothing shines.
     pub fn is_empty(&self) -> bool {
         self.delta.is_empty() && self.polygons.is_empty() && self.sky.is_none() && self.portals.is_empty()
+    }
+
+    /// True where some sky is found by brightness samples: what is sharp of the sky, and skies through portals.
+    pub fn has_sharp_sky(&self) -> bool {
+        self.sky.as_ref().is_some_and(Sky::is_sharp) || !self.portals.is_empty()
     }
 
     /// What is in the way of a light whose number among the shades is `shade`, in a scene that `tracer` knows.

@@ -1,7 +1,9 @@
 //! The sky: radiance by direction, and sampling where its picture is bright.
 //!
-//! A constant sky is found well enough by the rays of the gather that escape. A sky with a picture is sampled by its
-//! brightness too, and the two are combined by the power heuristic (Veach, Guibas 1995).
+//! A sky is split in two. What is bright and small in its picture, a sun, lamps, the glow around either, is *sharp*: direct light finds
+//! it by brightness samples, as it finds lights. The rest is *smooth*, and found well enough by rays over the hemisphere that escape,
+//! which block after block shares; a constant sky is all smooth. Of each cell of the picture a share is the one and the rest the other,
+//! so that both add up to the sky.
 
 use crate::color::{Rgb, luminance};
 use crate::sample::Discrete;
@@ -20,6 +22,22 @@ pub struct Sky {
     tables: Vec<Table>,
     /// The choice among several tables, by their power.
     choice: Option<Discrete>,
+    /// What is sharp of them, sampled on its own: one table for each sky of which something is.
+    sharp: Vec<Sharp>,
+    sharp_choice: Option<Discrete>,
+}
+
+/// A sky's picture is sharp where it is brighter than this, over the mean of the smooth rest all round.
+const SHARP: f64 = 4.0;
+
+/// Rounds in which the mean of the rest is found; what is sharp all in all leaves no rest.
+const SHARP_ROUNDS: usize = 64;
+
+/// What is sharp of a sky's picture.
+struct Sharp {
+    table: Table,
+    /// The share of each cell, row by row.
+    share: Vec<f32>,
 }
 
 /// Cells of equal angles, chosen by brightness times solid angle.
@@ -36,14 +54,22 @@ struct Table {
 impl Sky {
     /// Prepares `environment`; a picture's brightness is tabulated.
     pub fn new(scene: &Scene, environment: &Environment) -> Self {
-        let tables: Vec<Table> =
-            environment.each().enumerate().filter_map(|(k, sky)| Table::new(scene, k, sky)).collect();
+        let pictures = environment.each().enumerate();
+        let pictures: Vec<Cells> = pictures.filter_map(|(k, sky)| Cells::new(scene, k, sky)).collect();
+        let tables: Vec<Table> = pictures.iter().filter_map(Cells::table).collect();
+        let sharp: Vec<Sharp> = pictures.iter().filter_map(Sharp::new).collect();
         let power = |table: &Table| {
             let factor = environment.each().nth(table.sky).map_or(0.0, |sky| luminance(sky.radiance));
             f64::from(factor) * table.rows.total() / f64::from(table.size[0] * table.size[1])
         };
-        let choice = if tables.len() > 1 { Discrete::new(tables.iter().map(power)) } else { None };
-        Self { environment: environment.clone(), tables, choice }
+        let choice = |powers: Vec<f64>| if powers.len() > 1 { Discrete::new(powers) } else { None };
+        Self {
+            environment: environment.clone(),
+            choice: choice(tables.iter().map(power).collect()),
+            tables,
+            sharp_choice: choice(sharp.iter().map(|sharp| power(&sharp.table)).collect()),
+            sharp,
+        }
     }
 
     /// Radiance from the unit direction `d` [nit].
@@ -54,6 +80,37 @@ impl Sky {
     /// True where brightness is worth sampling.
     pub fn has_picture(&self) -> bool {
         !self.tables.is_empty()
+    }
+
+    /// True where some of it is bright and small.
+    pub fn is_sharp(&self) -> bool {
+        !self.sharp.is_empty()
+    }
+
+    /// Radiance from the unit direction `d` [nit] without what is sharp: the part that is left to rays over the hemisphere.
+    pub fn smooth(&self, scene: &Scene, d: Vec3) -> Rgb {
+        let whole = self.environment.radiance_from(scene, d);
+        if self.sharp.is_empty() { whole } else { (whole - self.sharp(scene, d)).max(Rgb::ZERO) }
+    }
+
+    /// Radiance from the unit direction `d` [nit] of what is sharp.
+    pub fn sharp(&self, scene: &Scene, d: Vec3) -> Rgb {
+        let of = |sharp: &Sharp| {
+            let sky = self.environment.each().nth(sharp.table.sky)?;
+            let share = sharp.share[sharp.table.cell(sky, d)];
+            (share > 0.0).then(|| sky.own_radiance(scene, d) * share)
+        };
+        self.sharp.iter().filter_map(of).sum()
+    }
+
+    /// A direction in proportion to the brightness of what is sharp, and its density [1/sr]; the third number chooses among several
+    /// pictures.
+    pub fn sample_sharp(&self, u: [f32; 3]) -> Option<(Vec3, f32)> {
+        let k = self.sharp_choice.as_ref().map_or(0, |choice| choice.sample(u[2]).0);
+        let table = &self.sharp.get(k)?.table;
+        let d = table.sample(self.environment.each().nth(table.sky)?, [u[0], u[1]])?;
+        let pdf = self.pdf_among(self.sharp.iter().map(|sharp| &sharp.table), self.sharp_choice.as_ref(), d);
+        (pdf > 0.0).then_some((d, pdf))
     }
 
     /// A direction in proportion to brightness, and its density [1/sr]; the third number chooses among several pictures.
@@ -67,26 +124,43 @@ impl Sky {
 
     /// Density [1/sr] of [`sample`](Self::sample) at the unit direction `d`; 0 for a constant sky.
     pub fn pdf(&self, d: Vec3) -> f32 {
-        match (&self.tables[..], &self.choice) {
-            ([], _) => 0.0,
-            ([table], None) => self.environment.each().nth(table.sky).map_or(0.0, |sky| table.pdf(sky, d)),
-            (tables, choice) => {
-                let part = |(k, (table, sky)): (usize, (&Table, &Environment))| {
-                    choice.as_ref().map_or(0.0, |choice| choice.pdf(k) as f32) * table.pdf(sky, d)
-                };
-                let skies = tables.iter().filter_map(|table| Some((table, self.environment.each().nth(table.sky)?)));
-                skies.enumerate().map(part).sum()
-            }
-        }
+        self.pdf_among(self.tables.iter(), self.choice.as_ref(), d)
+    }
+
+    fn pdf_among<'a>(&self, tables: impl Iterator<Item = &'a Table>, choice: Option<&Discrete>, d: Vec3) -> f32 {
+        let part = |(k, table): (usize, &Table)| {
+            let sky = self.environment.each().nth(table.sky)?;
+            Some(choice.map_or(1.0, |choice| choice.pdf(k) as f32) * table.pdf(sky, d))
+        };
+        tables.enumerate().filter_map(part).sum()
     }
 }
 
-impl Table {
-    /// The table of the picture of `sky`, number `number`; `None` where there is none, or it is black.
+impl Sharp {
+    /// Of the picture in `cells`; `None` where nothing is.
+    fn new(cells: &Cells) -> Option<Self> {
+        let threshold = cells.threshold();
+        let share = |mean: f64| if mean > threshold { 1.0 - threshold / mean } else { 0.0 };
+        let table = cells.weighed(|mean| mean * share(mean))?;
+        Some(Self { table, share: cells.mean.iter().map(|mean| share(*mean) as f32).collect() })
+    }
+}
+
+/// Mean brightness of a picture by cells of equal angles.
+struct Cells {
+    /// Whose picture it is, in the order of [`Environment::each`].
+    sky: usize,
+    size: [u32; 2],
+    /// Row by row.
+    mean: Vec<f64>,
+}
+
+impl Cells {
+    /// Of the picture of `sky`, number `number`; `None` where there is none.
     fn new(scene: &Scene, number: usize, sky: &Environment) -> Option<Self> {
         let picture = &scene.textures[sky.texture?];
         let size = [TABLE[0].min(picture.width), TABLE[1].min(picture.height)];
-        let weight = |x: u32, y: u32| {
+        let mean = |x: u32, y: u32| {
             let mut sum = 0.0f64;
             let rows = span(y, size[1], picture.height);
             for py in rows.clone() {
@@ -94,16 +168,54 @@ impl Table {
                     sum += brightness(picture, px, py);
                 }
             }
-            let sin = (PI * (y as f32 + 0.5) / size[1] as f32).sin();
             let count = rows.len() as f64 * span(x, size[0], picture.width).len() as f64;
-            sum / count.max(1.0) * f64::from(sin)
+            sum / count.max(1.0)
         };
-        let cells: Vec<Option<Discrete>> =
-            (0..size[1]).map(|y| Discrete::new((0..size[0]).map(|x| weight(x, y)))).collect();
-        let rows = Discrete::new(cells.iter().map(|row| row.as_ref().map_or(0.0, Discrete::total)))?;
-        Some(Self { sky: number, size, rows, cells })
+        let mean = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        Some(Self { sky: number, size, mean })
     }
 
+    /// Each row's solid angle, to scale.
+    fn sin(&self, row: usize) -> f64 {
+        f64::from((PI * (row as f32 + 0.5) / self.size[1] as f32).sin())
+    }
+
+    /// The choice of cells in proportion to brightness times solid angle; `None` where all is black.
+    fn table(&self) -> Option<Table> {
+        self.weighed(|mean| mean)
+    }
+
+    /// The same by a `weight` that a cell's brightness has.
+    fn weighed(&self, weight: impl Fn(f64) -> f64) -> Option<Table> {
+        let rows = self.mean.chunks(self.size[0] as usize).enumerate();
+        let row = |(y, row): (usize, &[f64])| Discrete::new(row.iter().map(|mean| weight(*mean) * self.sin(y)));
+        let cells: Vec<Option<Discrete>> = rows.map(row).collect();
+        let rows = Discrete::new(cells.iter().map(|row| row.as_ref().map_or(0.0, Discrete::total)))?;
+        Some(Table { sky: self.sky, size: self.size, rows, cells })
+    }
+
+    /// Brightness beyond which the picture is sharp: [`SHARP`] times the mean of the picture all round with what is brighter cut
+    /// off there. It falls to 0 where all the light comes from a small part of the sky.
+    fn threshold(&self) -> f64 {
+        let width = self.size[0] as usize;
+        let whole: f64 = (0..self.size[1] as usize).map(|y| self.sin(y)).sum::<f64>() * width as f64;
+        let mean_below = |threshold: f64| {
+            let rows = self.mean.chunks(width).enumerate();
+            rows.map(|(y, row)| row.iter().map(|m| m.min(threshold)).sum::<f64>() * self.sin(y)).sum::<f64>() / whole
+        };
+        let mut threshold = f64::INFINITY;
+        for _ in 0..SHARP_ROUNDS {
+            let next = SHARP * mean_below(threshold);
+            if next > 0.999 * threshold {
+                return threshold.min(next);
+            }
+            threshold = next;
+        }
+        0.0
+    }
+}
+
+impl Table {
     /// A direction of its picture.
     fn sample(&self, sky: &Environment, u: [f32; 2]) -> Option<Vec3> {
         let (y, v) = self.rows.sample(u[0]);
@@ -113,13 +225,25 @@ impl Table {
 
     /// Density [1/sr] of [`sample`](Self::sample).
     fn pdf(&self, sky: &Environment, d: Vec3) -> f32 {
+        let (x, y) = self.place(sky, d);
+        let cell = self.cells[y].as_ref().map_or(0.0, |row| row.pdf(x));
+        let probability = (self.rows.pdf(y) * cell) as f32;
+        let sin = (PI * sky.uv(d).y).sin().max(1e-6);
+        probability * (self.size[0] * self.size[1]) as f32 / (TAU * PI * sin)
+    }
+
+    /// Column and row of the cell that the direction `d` falls into.
+    fn place(&self, sky: &Environment, d: Vec3) -> (usize, usize) {
         let uv = sky.uv(d);
         let x = ((uv.x.rem_euclid(1.0) * self.size[0] as f32) as u32).min(self.size[0] - 1);
         let y = ((uv.y * self.size[1] as f32) as u32).min(self.size[1] - 1);
-        let cell = self.cells[y as usize].as_ref().map_or(0.0, |row| row.pdf(x as usize));
-        let probability = (self.rows.pdf(y as usize) * cell) as f32;
-        let sin = (PI * uv.y).sin().max(1e-6);
-        probability * (self.size[0] * self.size[1]) as f32 / (TAU * PI * sin)
+        (x as usize, y as usize)
+    }
+
+    /// Number of the cell that the direction `d` falls into.
+    fn cell(&self, sky: &Environment, d: Vec3) -> usize {
+        let (x, y) = self.place(sky, d);
+        y * self.size[0] as usize + x
     }
 }
 

@@ -1,29 +1,58 @@
-//! Light from the bright parts of a sky with a picture, as far as brightness samples find it.
-//!
-//! Samples are taken until their error is as small as that of shadows has to be: where the sun of a picture is half hidden, more
-//! than in the open. The rays of the final gather find the rest; the two strategies are combined by the power heuristic (Veach, Guibas 1995).
+//! Brightness samples of one receiver: of what is sharp of a sky with a picture ([`Sky::sharp`]), and of skies through portals, which
+//! are sampled over the portal as well; both strategies are combined by the power heuristic (Veach, Guibas 1995).
 
-use super::Lights;
-use super::direct::DirectParams;
 use super::emitter::Sight;
-use super::portal::Drawn;
+use super::portal::Portal;
 use super::receiver::{Arriving, Receiver};
+use super::shadow::Ballot;
 use super::sky::Sky;
 use crate::color::{Rgb, luminance};
 use crate::patch::SurfacePoint;
-use crate::sample::warp::cosine_hemisphere_pdf;
+use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::scene::material::mean_share;
 use crate::trace::Ray;
 use glam::Vec3;
+use std::f32::consts::PI;
 
-/// Brightness samples at first, of which the deviation is told.
-const FIRST_SAMPLES: u32 = 16;
-
-/// The same, at most.
-const MOST_SAMPLES: u32 = 1024;
+/// Samples of a glance at each sky, and of a close look at first.
+const FIRST_SAMPLES: u32 = 8;
 
 /// Errors are relative to this share of all that would arrive unoccluded where that is more than what does arrive.
 const IN_THE_DARK: f32 = 0.25;
+
+/// How closely skies are looked at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SkyLook {
+    /// True where shadows are near: that a few samples agree means little then.
+    pub closely: bool,
+    /// Mean luminance of the light around [lx], which errors are relative to.
+    pub around: f32,
+    /// Standard error of the light from each sky, relative to the light around.
+    pub error: f32,
+    /// Samples of each, at most.
+    pub most_samples: u32,
+}
+
+impl SkyLook {
+    /// The first samples alone.
+    pub const FIRST: Self = Self { closely: false, around: 0.0, error: f32::INFINITY, most_samples: FIRST_SAMPLES };
+}
+
+/// What brightness samples found.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SkyFound {
+    pub arriving: Arriving,
+    /// A bit for each sky; the last is shared by what is beyond.
+    pub ballot: Ballot,
+    /// Of what arrives [lx^2] (luminance).
+    pub variance: f32,
+}
+
+/// A sky that is found by brightness samples.
+enum Source<'a> {
+    Sharp(&'a Sky),
+    Portal(usize, &'a Portal),
+}
 
 /// Sums over brightness samples.
 #[derive(Clone, Copy, Default)]
@@ -37,27 +66,33 @@ struct Tally {
     /// Samples before the horizon, and the shares of the sky that get through to them, added up.
     facing: u32,
     visible: f64,
+    /// Whether some got through, and whether some were blocked.
+    passed: bool,
+    blocked: bool,
 }
 
 impl Tally {
-    /// Samples that bring the standard error down to the share `error` of what arrives: of the visible share, and of what
-    /// arrives unoccluded. Directions and places together have too many dimensions for stratification to help.
-    fn wanted(&self, error: f32) -> f32 {
-        let n = f64::from(self.count);
+    /// Standard deviation of a sample [lx]. Directions and places together have too many dimensions for stratification to help.
+    fn deviation(&self, closely: bool) -> f64 {
+        let n = f64::from(self.count.max(1));
         let whole = self.whole / n;
-        if whole <= 0.0 {
+        // Near shadows as if one more had seen it and one more had not: a share of the first samples is never sure.
+        let unsure = if closely { 1.0 } else { 0.0 };
+        let p = (self.visible + unsure) / (f64::from(self.facing) + 2.0 * unsure).max(1.0);
+        let uneven = (self.squares / n - whole * whole).max(0.0).sqrt();
+        ((p * (1.0 - p)).max(0.0).sqrt() * whole).hypot(p * uneven)
+    }
+
+    /// Samples that bring the standard error down to what `look` asks for.
+    fn wanted(&self, look: SkyLook) -> f32 {
+        let n = f64::from(self.count.max(1));
+        let around = (f64::from(look.around) + self.seen / n).max(f64::from(IN_THE_DARK) * self.whole / n);
+        if around <= 0.0 {
             return 0.0;
         }
-        // As if one more had seen it and one more had not: a share of the first samples is never sure.
-        let p = (self.visible + 1.0) / f64::from(self.facing + 2);
-        let uneven = (self.squares / n - whole * whole).max(0.0).sqrt();
-        let deviation = ((p * (1.0 - p)).sqrt() * whole).hypot(p * uneven);
-        let around = (self.seen / n).max(f64::from(IN_THE_DARK) * whole);
-        ((deviation / (around * f64::from(error))) as f32).powi(2)
+        ((self.deviation(look.closely) / (around * f64::from(look.error))) as f32).powi(2)
     }
-}
 
-impl Tally {
     /// A sample that would bring `light` about the geometric and the shading normal from the direction `towards` unoccluded.
     fn add(&mut self, sight: &Sight, point: &SurfacePoint, towards: Vec3, light: [Rgb; 2], shade: Option<u16>) {
         let level = f64::from(luminance(light[0]));
@@ -71,6 +106,8 @@ impl Tally {
         }
         self.arriving.rays += 1;
         let share = f64::from(mean_share(passing[0]));
+        self.passed |= share > 0.0;
+        self.blocked |= share < 1.0;
         self.visible += share;
         self.seen += level * share;
         self.arriving.transport += light[0] * passing[0];
@@ -78,104 +115,95 @@ impl Tally {
         self.arriving.shown += light[1] * passing[0];
     }
 
-    /// A sample of a portal, which stands for `factor` of them.
-    fn shoot(&mut self, sight: &Sight, point: &SurfacePoint, drawn: &Drawn, factor: f32, shade: Option<u16>) {
-        let cos = point.normal.dot(drawn.towards);
-        if cos <= 0.0 {
-            return;
-        }
-        let shown = if sight.params.shading_normals { point.shading.dot(drawn.towards).max(0.0) } else { cos };
-        let radiance = drawn.sky.radiance(sight.scene, drawn.towards) * (factor * drawn.weight);
-        self.add(sight, point, drawn.towards, [radiance * cos, radiance * shown], shade);
-    }
-
-    /// Adds the mean of the samples to `sum`.
-    fn arrive(&self, sum: &mut Arriving) {
+    /// Adds the mean of the samples to `found`, as what sky number `number` brings.
+    fn arrive(&self, number: usize, closely: bool, found: &mut SkyFound) {
         let share = 1.0 / self.count.max(1) as f32;
+        let sum = &mut found.arriving;
         sum.transport += self.arriving.transport * share;
         sum.other += self.arriving.other * share;
         sum.shown += self.arriving.shown * share;
         sum.rays += self.arriving.rays;
+        let bit = 1 << number.min(31);
+        let bit_if = |is_so: bool| if is_so { bit } else { 0 };
+        found.ballot = found.ballot.or(Ballot { seen: bit_if(self.passed), blocked: bit_if(self.blocked) });
+        found.variance += (self.deviation(closely).powi(2) / f64::from(self.count.max(1))) as f32;
     }
 }
 
-/// The share of a sky's picture that brightness samples carry, as exactly as shadows are asked for; the gather carries the rest
-/// ([`hemisphere_weight`]).
-pub(super) fn from_sky(sight: &Sight, receiver: &Receiver, is_close: bool, sum: &mut Arriving) {
-    let Sight { lights, params, .. } = *sight;
-    let Some(sky) = lights.sky.as_ref().filter(|s| s.has_picture() && params.sky_ratio > 0.0) else { return };
-    let least = ((params.gather_samples as f32 * params.sky_ratio).ceil() as u32).max(1);
-    let mut tally = Tally::default();
-    let mut count = if is_close { FIRST_SAMPLES.max(least.min(MOST_SAMPLES)) } else { least };
-    while count > tally.count {
-        for index in tally.count..count {
-            from_direction(sight, sky, receiver, index, &mut tally);
-        }
-        tally.count = count;
-        if is_close {
-            // The points of a whole power of two are spread most evenly.
-            let wanted = tally.wanted(params.shadow_error).min(MOST_SAMPLES as f32) as u32;
-            count = if wanted > count { wanted.next_power_of_two().min(MOST_SAMPLES) } else { count };
-        }
-    }
-    tally.arrive(sum);
-}
-
-/// Light of skies with pictures through portals: brightness samples, and as many over the portal, by the power heuristic.
-pub(super) fn through_portals(sight: &Sight, receiver: &Receiver, is_close: bool, sum: &mut Arriving) {
-    for (k, portal) in sight.lights.portals.iter().enumerate() {
+/// What arrives at `receiver` of skies that are found by brightness samples.
+pub(super) fn look(sight: &Sight, receiver: &Receiver, look: SkyLook) -> SkyFound {
+    let mut found = SkyFound::default();
+    let sharp = sight.lights.sky.iter().filter(|sky| sky.is_sharp()).map(Source::Sharp);
+    let portals = sight.lights.portals.iter().enumerate().map(|(k, portal)| Source::Portal(k, portal));
+    for (number, source) in sharp.chain(portals).enumerate() {
         let mut tally = Tally::default();
-        let mut count = FIRST_SAMPLES;
+        let mut count = FIRST_SAMPLES.min(look.most_samples);
         while count > tally.count {
             for index in tally.count..count {
-                // Brightness and place in turn; each stands for half of the samples.
-                let [u, v, x, y] = receiver.sequence.point(index / 2, 63 - k as u32 % 2);
-                let point = (receiver.sample)([x, y]);
-                let by_place = index % 2 == 1;
-                let Some(drawn) = portal.sample(&point, [u, v], by_place) else { continue };
-                // Half of the samples: twice the light of each.
-                tally.shoot(sight, &point, &drawn, 2.0, portal.shade());
+                source.sample(sight, receiver, index, &mut tally);
             }
             tally.count = count;
-            if is_close {
-                let wanted = tally.wanted(sight.params.shadow_error).min(MOST_SAMPLES as f32) as u32;
-                count = if wanted > count { wanted.next_power_of_two().min(MOST_SAMPLES) } else { count };
-            }
+            // The points of a whole power of two are spread most evenly.
+            let wanted = tally.wanted(look).min(look.most_samples as f32) as u32;
+            count = if wanted > count { wanted.next_power_of_two().min(look.most_samples) } else { count };
         }
-        tally.arrive(sum);
+        tally.arrive(number, look.closely, &mut found);
+    }
+    found
+}
+
+/// About what comes from the smooth part of the sky along ray number `index` of `receiver` [lx] (luminance): its mean is the
+/// irradiance.
+pub(super) fn smooth_glimpse(sight: &Sight, receiver: &Receiver, index: u32) -> f32 {
+    let Some(sky) = &sight.lights.sky else { return 0.0 };
+    let [x, y, u, v] = receiver.sequence.point(index, 60);
+    let point = (receiver.sample)([x, y]);
+    let direction = frame(point.normal) * cosine_hemisphere([u, v]);
+    let light = PI * luminance(sky.smooth(sight.scene, direction));
+    if light <= 0.0 {
+        return 0.0;
+    }
+    let mut passing = [Rgb::ONE];
+    let origin = sight.tracer.off_surface(point.position, point.normal);
+    sight.tracer.transmittance_of_rays(&[Ray { origin, direction }], &mut passing);
+    light * mean_share(passing[0])
+}
+
+impl Source<'_> {
+    /// Adds sample number `index` to `tally`.
+    fn sample(&self, sight: &Sight, receiver: &Receiver, index: u32, tally: &mut Tally) {
+        match self {
+            Self::Sharp(sky) => from_direction(sight, sky, receiver, index, tally),
+            Self::Portal(k, portal) => through_portal(sight, *k, portal, receiver, index, tally),
+        }
     }
 }
 
-/// Brightness sample number `index`.
 fn from_direction(sight: &Sight, sky: &Sky, receiver: &Receiver, index: u32, tally: &mut Tally) {
-    let Sight { scene, params, .. } = *sight;
     let [u, v, x, y] = receiver.sequence.point(index, 61);
     let [choice, ..] = receiver.sequence.point(index, 62);
-    let Some((towards, pdf)) = sky.sample([u, v, choice]) else { return };
+    let Some((towards, pdf)) = sky.sample_sharp([u, v, choice]) else { return };
     let point = (receiver.sample)([x, y]);
-    let cos = point.normal.dot(towards);
-    if cos <= 0.0 {
-        return;
-    }
-    let weigh = |cos: f32| (1.0 - hemisphere_share(params.sky_ratio * pdf, cosine_hemisphere_pdf(cos))) / pdf;
-    let radiance = sky.radiance(scene, towards);
-    let shown = if params.shading_normals { point.shading.dot(towards).max(0.0) } else { cos };
-    tally.add(sight, &point, towards, [radiance * (cos * weigh(cos)), radiance * (shown * weigh(shown))], None);
+    let radiance = sky.sharp(sight.scene, towards) / pdf;
+    receive(sight, &point, towards, radiance, None, tally);
 }
 
-/// The power heuristic (Veach, Guibas 1995): it leaves a small sun to the brightness samples nearly alone.
-fn hemisphere_share(brightness: f32, hemisphere: f32) -> f32 {
-    let (b, h) = (brightness * brightness, hemisphere * hemisphere);
-    h / (b + h).max(f32::MIN_POSITIVE)
+fn through_portal(sight: &Sight, number: usize, portal: &Portal, receiver: &Receiver, index: u32, tally: &mut Tally) {
+    // Brightness and place in turn; each stands for half of the samples.
+    let [u, v, x, y] = receiver.sequence.point(index / 2, 63 - number as u32 % 2);
+    let point = (receiver.sample)([x, y]);
+    let by_place = index % 2 == 1;
+    let Some(drawn) = portal.sample(&point, [u, v], by_place) else { return };
+    // Half of the samples: twice the light of each.
+    let radiance = drawn.sky.radiance(sight.scene, drawn.towards) * (2.0 * drawn.weight);
+    receive(sight, &point, drawn.towards, radiance, portal.shade(), tally);
 }
 
-/// The weight of the sky's radiance on a ray of the gather (cosine-distributed about a normal at `cos`) that escapes
-/// along `direction`: the other half of what brightness samples weigh.
-pub fn hemisphere_weight(lights: &Lights, params: &DirectParams, direction: Vec3, cos: f32) -> f32 {
-    match &lights.sky {
-        Some(sky) if sky.has_picture() && params.sky_ratio > 0.0 => {
-            hemisphere_share(params.sky_ratio * sky.pdf(direction), cosine_hemisphere_pdf(cos))
-        }
-        _ => 1.0,
+/// Adds what arrives of `radiance` over its density [nit sr] to `tally`.
+fn receive(sight: &Sight, at: &SurfacePoint, towards: Vec3, radiance: Rgb, shade: Option<u16>, tally: &mut Tally) {
+    let cos = at.normal.dot(towards);
+    if cos > 0.0 {
+        let shown = if sight.params.shading_normals { at.shading.dot(towards).max(0.0) } else { cos };
+        tally.add(sight, at, towards, [radiance * cos, radiance * shown], shade);
     }
 }

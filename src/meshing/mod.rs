@@ -22,7 +22,7 @@ use crate::color::Rgb;
 use crate::error::Result;
 use crate::light::Lights;
 use crate::progress::Progress;
-use crate::scene::BakeMode;
+use crate::scene::{BakeMode, Scene, SurfaceOrigin};
 use crate::trace::Tracer;
 use coarsen::coarsen;
 use constrain::{ConstrainParams, constrain};
@@ -32,12 +32,13 @@ use fit::relative_error;
 use rayon::prelude::*;
 use refine::{Work, refine};
 pub use sample::{LEAST_LEVEL, Source};
+use std::collections::BTreeSet;
 pub use weights::Weights;
 
 /// The light at the vertices of all surfaces.
 #[derive(Clone, Debug, Default)]
 pub struct VertexLight {
-    /// By surface; empty for those that don't receive.
+    /// By surface; empty for those that don't receive, and for those that show the vertices of another.
     pub surfaces: Vec<LitMesh>,
 }
 
@@ -100,7 +101,8 @@ pub struct MeshParams {
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 pub struct VertexReport {
     pub mode: MeshMode,
-    /// Triangles of the surfaces that receive light, as given, and as written.
+    /// Triangles of the surfaces that receive light, as given, and as written: those that files hold, so that instances that share
+    /// vertices count once.
     pub given_triangles: u64,
     pub triangles: u64,
     /// The error that was asked for [%]: see [`MeshParams::error`].
@@ -121,7 +123,6 @@ pub fn vertex_light(
 ) -> Result<(VertexLight, VertexReport)> {
     let surfaces = &source.scene.surfaces;
     progress.begin("vertices", 0);
-    let receives = |s: &usize| surfaces[*s].role.receives;
     let mut meshes = vec![LitMesh::default(); surfaces.len()];
     let mut errors = Errors::default();
     let mut given = 0;
@@ -129,7 +130,7 @@ pub fn vertex_light(
         meshes[work.surface] = work.mesh();
         errors.merge(&Errors::of(work, source.mean));
     };
-    let receiving: Vec<usize> = (0..surfaces.len()).filter(receives).collect();
+    let receiving = written(source.scene);
     if params.mode == MeshMode::Given {
         // A few surfaces at a time: samples take as much memory as pages.
         for some in receiving.chunks(64) {
@@ -195,6 +196,21 @@ fn drawn(source: &Source, surface: usize, lines: &[CriticalLine]) -> FineMesh {
         constrain(&mut fine, own, &ConstrainParams::of_density(density));
     }
     fine
+}
+
+/// The surfaces that receive light and whose vertices a file holds. Instances of a glTF node share theirs: the first that receives
+/// speaks for all.
+fn written(scene: &Scene) -> Vec<usize> {
+    let mut nodes = BTreeSet::new();
+    let is_own = |s: &usize| {
+        let surface = &scene.surfaces[*s];
+        let is_first = match surface.origin {
+            SurfaceOrigin::GltfNode(node) if surface.role.receives => nodes.insert(node),
+            _ => true,
+        };
+        surface.role.receives && is_first
+    };
+    (0..scene.surfaces.len()).filter(is_own).collect()
 }
 
 /// The critical lines of what is baked.

@@ -229,15 +229,19 @@ impl Settings {
     /// Refuses what the way to gather has no use for.
     fn check_gather(&self) -> Result<()> {
         let is_blocks = self.gather() == Gather::Blocks;
-        let for_blocks = "is for gather blocks, and something else that is set needs elements, or a gather of its own";
+        let other = match (self.method, self.gather, self.for_elements()) {
+            (Method::Path, ..) => "method path",
+            (_, Gather::Final, _) => "gather final",
+            (_, Gather::None, _) => "gather none",
+            (.., option) => option.unwrap_or_default(),
+        };
+        let for_blocks = format!("is for gather blocks, and {other} goes another way; leave out one of them");
+        let of_elements = self.for_elements().unwrap_or_default();
+        let no_elements = format!("blocks have links of their own: leave out {of_elements}, which is about other ways");
         refuse_first(&[
-            (self.error.is_some() && !is_blocks, "error", for_blocks),
-            (self.time_budget.is_some() && !is_blocks && self.method != Method::Photon, "time-budget", for_blocks),
-            (
-                self.gather == Gather::Blocks && self.asks_for_elements(),
-                "gather",
-                "blocks have links of their own: leave out what is about solvers, elements, form factors or samples",
-            ),
+            (self.error.is_some() && !is_blocks, "error", &for_blocks),
+            (self.time_budget.is_some() && !is_blocks && !self.method.follows_rays(), "time-budget", &for_blocks),
+            (self.gather == Gather::Blocks && self.asks_for_elements(), "gather", &no_elements),
         ])
     }
 

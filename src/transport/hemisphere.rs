@@ -4,7 +4,6 @@
 use super::{Effort, Elements, FormFactor};
 use crate::color::Rgb;
 use crate::light::Lit;
-use crate::light::direct::hemisphere_weight;
 use crate::patch::{Ground, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
@@ -24,19 +23,17 @@ pub struct Probe {
 
 /// Probes element `i` with `count` rays.
 pub fn probe(elements: &Elements, lit: &Lit, count: u32, i: usize) -> Probe {
-    let Lit { ground, lights, params, .. } = *lit;
-    let (points, rays, hits, tints) = shoot(elements, ground, i, 0, count);
+    let Lit { ground, lights, .. } = *lit;
+    let (_, rays, hits, tints) = shoot(elements, ground, i, 0, count);
     let mut landed: Vec<u32> = Vec::with_capacity(rays.len());
     let mut sky = Rgb::ZERO;
-    for (k, ((point, ray), hit)) in points.iter().zip(&rays).zip(&hits).enumerate() {
+    for (k, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
         match hit {
             Some(hit) => landed.extend(elements.element_under(ground, hit)),
             None => {
                 if let Some(s) = &lights.sky {
-                    let cos = ray.direction.dot(point.normal);
-                    let weight = hemisphere_weight(lights, params, ray.direction, cos);
                     let tint = tints.get(k).copied().unwrap_or(Rgb::ONE);
-                    sky += s.radiance(ground.scene, ray.direction) * tint * weight;
+                    sky += s.smooth(ground.scene, ray.direction) * tint;
                 }
             }
         }

@@ -6,7 +6,7 @@
 
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::post::{Channels, Directional, PageImage, Quantity};
+use crate::post::{Channels, Directional, Lightmap, PageImage, Quantity};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
     LayerAttributes, LineOrder, Text, Vec2, WritableImage,
@@ -19,6 +19,13 @@ use std::path::Path;
 
 /// The largest finite half float.
 const HALF_MAX: f32 = 65504.0;
+
+/// True where page `number` of `lightmap`, or a layer of it, holds a value that half floats can't.
+pub fn exceeds_half(lightmap: &Lightmap, number: usize) -> bool {
+    let layers = lightmap.layers.iter().map(|layer| &layer.pages[number]);
+    let mut values = std::iter::once(&lightmap.pages[number].rgb).chain(layers).flatten();
+    values.any(|c| c.to_array().into_iter().any(|v| v.is_finite() && v.abs() > HALF_MAX))
+}
 
 /// What a page's header says besides the size.
 #[derive(Clone, Copy, Debug)]

@@ -27,7 +27,10 @@ impl Staging {
         if staging.exists() {
             std::fs::remove_dir_all(&staging).map_err(|e| Error::io(&staging, e))?;
         }
-        std::fs::create_dir_all(&staging).map_err(|e| Error::io(folder, e))?;
+        std::fs::create_dir_all(&staging).map_err(|e| {
+            let message = format!("the output folder can't be made or written to ({e}); choose another one with -o");
+            Error::io(folder, std::io::Error::new(e.kind(), message))
+        })?;
         Ok(Self { folder: folder.to_path_buf(), files: Vec::new(), removed: Vec::new() })
     }
 

@@ -7,7 +7,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from .display import linear_from_srgb
-from .gltf import Document
+from .gltf import Document, local_matrix
 from .pages import Page, bilinear, nearest, read_page
 
 
@@ -65,41 +65,10 @@ def load(path: Path | str, pages: Path | str | None = None) -> Triangles:
     for node, world in doc.placed_nodes():
         if "mesh" not in node:
             continue
-        names.append(node.get("name", f"node {len(names)}"))
-        lumel = (node.get("extras") or {}).get("lumel")
-        for primitive in doc.json["meshes"][node["mesh"]]["primitives"]:
-            tri = doc.triangles(primitive)
-            if tri is None:
-                continue
-            if np.linalg.det(world[:3, :3]) < 0:
-                tri = tri[:, [0, 2, 1]]
-            attributes = primitive["attributes"]
-            position = doc.accessor(attributes["POSITION"]).astype(float) @ world[:3, :3].T + world[:3, 3]
-            count = len(tri)
-            key = f"TEXCOORD_{lumel.get('texCoord', 1)}" if lumel else ""
-            page, page_uv = -1, np.zeros((len(position), 2))
-            if key in attributes and "page" in lumel:
-                page = lumel["page"]
-                page_uv = doc.accessor(attributes[key]) * lumel.get("scale", [1, 1]) + lumel.get("offset", [0, 0])
-            uv = np.zeros((SETS, count, 3, 2))
-            for s in range(SETS):
-                if f"TEXCOORD_{s}" in attributes:
-                    uv[s] = doc.accessor(attributes[f"TEXCOORD_{s}"])[tri]
-            color = np.ones((len(position), 4))
-            if "COLOR_0" in attributes:
-                given = doc.accessor(attributes["COLOR_0"])
-                color[:, : given.shape[1]] = given
-            irradiance = np.full((len(position), 3), np.nan)
-            if "_IRRADIANCE" in attributes:
-                irradiance[:] = doc.accessor(attributes["_IRRADIANCE"])[:, :3]
-            parts["position"].append(position[tri])
-            parts["page_uv"].append(page_uv[tri])
-            parts["page"].append(np.full(count, page))
-            parts["node"].append(np.full(count, len(names) - 1))
-            parts["look"].append(np.full(count, primitive.get("material", len(looks) - 1)))
-            parts["uv"].append(uv)
-            parts["color"].append(color[tri])
-            parts["irradiance"].append(irradiance[tri])
+        name = node.get("name", f"node {len(names)}")
+        for name, world, lumel in _instances(doc, node, name, world):
+            names.append(name)
+            _add(doc, node, world, lumel, len(names) - 1, len(looks) - 1, parts)
     if not names:
         raise SystemExit(f"{path}: holds no mesh")
     lumel = doc.lumel()
@@ -109,6 +78,64 @@ def load(path: Path | str, pages: Path | str | None = None) -> Triangles:
         files = [Path(f"{pages}{k}.exr") for k in range(len(files))]
     joined = {k: np.concatenate(v, axis=1 if k == "uv" else 0) for k, v in parts.items()}
     return Triangles(**joined, names=names, looks=looks, pages=[read_page(f) for f in files], lumel=lumel)
+
+
+def _instances(doc: Document, node: dict, name: str, world: np.ndarray) -> list[tuple[str, np.ndarray, dict | None]]:
+    """Name, world matrix and placement of each time that a node draws its mesh: once, or as EXT_mesh_gpu_instancing says."""
+    lumel = (node.get("extras") or {}).get("lumel")
+    attributes = (node.get("extensions") or {}).get("EXT_mesh_gpu_instancing", {}).get("attributes")
+    if not attributes:
+        return [(name, world, lumel)]
+    values = {key: doc.accessor(index) for key, index in attributes.items()}
+    all = []
+    for k in range(max(len(v) for v in values.values())):
+        keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+        local = local_matrix({to: values[key][k].tolist() for key, to in keys.items() if key in values})
+        own = dict(lumel) if lumel else None
+        if own is not None and "_LUMEL_RECT" in values:
+            rectangle = values["_LUMEL_RECT"][k]
+            own |= {"scale": rectangle[:2], "offset": rectangle[2:], "page": int(values["_LUMEL_PAGE"][k][0])}
+            if not rectangle.any():  # no lightmap
+                own = None
+        all.append((f"{name}[{k}]", world @ local, own))
+    return all
+
+
+def _add(doc: Document, node: dict, world: np.ndarray, lumel: dict | None, number: int, plain: int, parts: dict) -> None:
+    """Adds the triangles of a node's mesh at one place to `parts`; `plain` is the look of those without a material."""
+    for primitive in doc.json["meshes"][node["mesh"]]["primitives"]:
+        tri = doc.triangles(primitive)
+        if tri is None:
+            continue
+        if np.linalg.det(world[:3, :3]) < 0:
+            tri = tri[:, [0, 2, 1]]
+        attributes = primitive["attributes"]
+        position = doc.accessor(attributes["POSITION"]).astype(float) @ world[:3, :3].T + world[:3, 3]
+        count = len(tri)
+        key = f"TEXCOORD_{lumel.get('texCoord', 1)}" if lumel else ""
+        page, page_uv = -1, np.zeros((len(position), 2))
+        if key in attributes and "page" in lumel:
+            page = lumel["page"]
+            page_uv = doc.accessor(attributes[key]) * lumel.get("scale", [1, 1]) + lumel.get("offset", [0, 0])
+        uv = np.zeros((SETS, count, 3, 2))
+        for s in range(SETS):
+            if f"TEXCOORD_{s}" in attributes:
+                uv[s] = doc.accessor(attributes[f"TEXCOORD_{s}"])[tri]
+        color = np.ones((len(position), 4))
+        if "COLOR_0" in attributes:
+            given = doc.accessor(attributes["COLOR_0"])
+            color[:, : given.shape[1]] = given
+        irradiance = np.full((len(position), 3), np.nan)
+        if "_IRRADIANCE" in attributes:
+            irradiance[:] = doc.accessor(attributes["_IRRADIANCE"])[:, :3]
+        parts["position"].append(position[tri])
+        parts["page_uv"].append(page_uv[tri])
+        parts["page"].append(np.full(count, page))
+        parts["node"].append(np.full(count, number))
+        parts["look"].append(np.full(count, primitive.get("material", plain)))
+        parts["uv"].append(uv)
+        parts["color"].append(color[tri])
+        parts["irradiance"].append(irradiance[tri])
 
 
 def _look(doc: Document, material: dict) -> Look:

@@ -72,7 +72,8 @@ export async function applyLightmaps(gltf, base, { renderer, diffuse = true, enc
   if (!lumel?.pages?.length) throw new Error("asset.extras.lumel lists no pages; is this a baked file?");
   const intensity = INTENSITY[lumel.quantity];
   if (!intensity) throw new Error(`a lightmap of ${lumel.quantity} holds the albedo already; bake with --for three`);
-  const form = lumel.encodings?.find((e) => e.name === encoding);
+  const named = encoding === undefined ? (e) => e.uris[0] === lumel.pages[0].uri : (e) => e.name === encoding;
+  const form = lumel.encodings?.find(named);
   const uris = form ? form.uris : lumel.pages.map((p) => p.uri);
   const pages = await Promise.all(uris.map((uri) => loadPage(uri, base, renderer)));
   let count = 0;

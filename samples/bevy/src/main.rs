@@ -20,6 +20,16 @@ const UNIT_EV100: f32 = -0.263;
 struct Bake {
     quantity: String,
     pages: Vec<Page>,
+    /// Forms that pages were written in.
+    #[serde(default)]
+    encodings: Vec<Form>,
+}
+
+/// A form of the pages: decoded texels times `scale` are the values.
+#[derive(Clone, Debug, Deserialize)]
+struct Form {
+    scale: f32,
+    uris: Vec<String>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -84,6 +94,9 @@ fn open(mut commands: Commands, shown: Res<Shown>, assets: Res<AssetServer>) -> 
         "irradiance" => std::f32::consts::FRAC_1_PI,
         other => return Err(format!("{other} holds the albedo already; bake with --for bevy").into()),
     };
+    let first = shown.bake.pages.first().map(|page| &page.uri);
+    let form = shown.bake.encodings.iter().find(|form| form.uris.first() == first);
+    let exposure = exposure * form.map_or(1.0, |form| form.scale);
     let images = shown.bake.pages.iter().map(|page| assets.load(page.uri.clone())).collect();
     commands.insert_resource(Pages { images, exposure });
     let name = shown.glb.file_name().ok_or("is no file")?.to_string_lossy().into_owned();

@@ -8,12 +8,12 @@
 //! | `rgbm` | `.rgbm.png` | scale * (8 A RGB)^2, as PlayCanvas decodes it | 64 | 0.4 % |
 //! | `rgbm-srgb` | `.rgbm-srgb.png` | scale * linear(8 A RGB) by the curve of sRGB, as Needle Engine decodes it | 131 | 0.5 % |
 //! | `rgbd` | `.rgbd.png` | scale * RGB^2.2 / A, as Babylon.js decodes it | 255 | 0.6 % |
-//! | `ktx2-half` | `.half.ktx2` | as it stands, half float | 65504 | 0.05 % |
-//! | `ktx2-bc6h` | `.bc6h.ktx2` | as it stands, in blocks of 4 x 4 | 65504 | 1.7 % on average and 7 % at most on a slope of 12 % a texel |
+//! | `ktx2-half` | `.half.ktx2` | scale * half float | 65504 | 0.05 % |
+//! | `ktx2-bc6h` | `.bc6h.ktx2` | scale * half float, in blocks of 4 x 4 | 65504 | 1.7 % on average and 7 % at most on a slope of 12 % a texel |
 //!
-//! The largest values are those at scale 1. The 8-bit forms have one *scale* for all pages of a bake, a power of two,
-//! so that an engine needs one number: it is 1 unless a bake is too bright for the form, or so dark that it would lose
-//! its steps ([`multiplier`]). Values are rounded to the nearest step and not dithered: a step of the 8-bit forms is
+//! The largest values are those at scale 1. The 8-bit forms and KTX2 have one *scale* for all pages of a bake, a power of two,
+//! so that an engine needs one number: it is 1 unless a bake is too bright for the form, or so dark that the 8-bit ones would lose
+//! their steps ([`multiplier`]). OpenEXR holds what is too bright for half floats as 32-bit floats. Values are rounded to the nearest step and not dithered: a step of the 8-bit forms is
 //! below 1 %, which is about where an eye begins to see one, and noise in a multiplier would be magnified by filtering.
 //! Alpha is the multiplier in the 8-bit forms, coverage in `exr` and `ktx2-half`, and absent in the others.
 
@@ -113,10 +113,15 @@ impl Encoding {
         }
     }
 
-    /// The number that decoded texels are multiplied by: a power of two for the 8-bit forms, so that `largest`, the
+    /// The number that decoded texels are multiplied by: a power of two for the 8-bit forms and KTX2, so that `largest`, the
     /// largest value of any channel of any page, can be held; 1 for the others.
     pub fn scale(self, largest: f32) -> f32 {
-        self.curve().map_or(1.0, |curve| multiplier::scale(curve, largest))
+        match (self, self.curve()) {
+            (_, Some(curve)) => multiplier::scale(curve, largest),
+            // Half floats lose nothing by a power of two but what is far too dark to be seen beside such light.
+            (Self::Ktx2Half | Self::Ktx2Bc6h, _) if largest > HALF_MAX => (largest / HALF_MAX).log2().ceil().exp2(),
+            _ => 1.0,
+        }
     }
 }
 
@@ -157,7 +162,7 @@ pub fn write_page(path: &Path, page: &PageImage, encoding: Encoding, header: &He
     let largest = match encoding.curve() {
         Some(curve) => curve.largest() * header.scale,
         None if encoding == Encoding::Hdr => hdr::LARGEST,
-        None => HALF_MAX,
+        None => HALF_MAX * header.scale,
     };
     // Negative half floats exist, but no light is one: what is below zero is rounding, or an error to be told of.
     let fits = |v: f32| (0.0..=largest).contains(&v);
@@ -179,9 +184,21 @@ pub fn write_page(path: &Path, page: &PageImage, encoding: Encoding, header: &He
 
 /// A KTX2 file of the page, each level by `texels`.
 fn ktx2_of(page: &PageImage, header: &Header, format: Format, texels: impl Fn(&PageImage) -> Vec<u8>) -> Vec<u8> {
+    let scaled: PageImage;
+    let page = if header.scale == 1.0 {
+        page
+    } else {
+        scaled = PageImage { rgb: page.rgb.iter().map(|c| *c / header.scale).collect(), ..page.clone() };
+        &scaled
+    };
     let smaller = mips::smaller(page, header.levels.saturating_sub(1) as usize);
     let levels: Vec<Level> = [page].into_iter().chain(&smaller).map(|level| Level { bytes: texels(level) }).collect();
-    let own = [("lumel.quantity", header.quantity.name()), ("lumel.unit", header.quantity.unit())];
+    let scale = header.scale.to_string();
+    let mut own = vec![("lumel.quantity", header.quantity.name()), ("lumel.unit", header.quantity.unit())];
+    if header.scale != 1.0 {
+        // Keys stand in order.
+        own.insert(1, ("lumel.scale", &scale));
+    }
     ktx2::file(format, [page.width, page.height], &levels, &own)
 }
 

@@ -17,7 +17,7 @@
 
 mod note;
 
-pub use note::note;
+pub use note::{Told, note};
 
 use super::encode::Encoding;
 use crate::post::Quantity;

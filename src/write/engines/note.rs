@@ -1,7 +1,7 @@
 //! The note beside a result: how an engine loads it, with the names and numbers of this bake.
 
 use super::{Engine, Vertical, rectangle};
-use crate::post::{PageImage, Quantity};
+use crate::post::{Directional, PageImage, Quantity};
 use crate::scene::SurfaceOrigin;
 use crate::write::Baked;
 use crate::write::encode::{Encoded, Encoding};
@@ -21,29 +21,43 @@ fn levels(pages: &[PageImage]) -> (f64, f32) {
     (if weight > 0.0 { sum / weight } else { 0.0 }, largest)
 }
 
-/// The note's text. `glb` names the GLB for engines beside it, where one was written.
-pub fn note(engine: Engine, baked: &Baked, glb: Option<&str>) -> String {
+/// What a note tells besides what a bake holds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Told<'a> {
+    /// The GLB for engines beside it, where one was written.
+    pub glb: Option<&'a str>,
+    /// True where some OpenEXR page is of 32-bit floats.
+    pub float: bool,
+    pub directional: Directional,
+    /// True where light probes were written.
+    pub probes: bool,
+}
+
+/// The note's text.
+pub fn note(engine: Engine, baked: &Baked, told: &Told) -> String {
     let mut text = String::new();
     let scene = baked.source.path().file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     // Writing to a String does not fail.
-    let _ = head(&mut text, engine, baked, &scene, glb);
+    let glb = told.glb;
+    let _ = head(&mut text, engine, baked, &scene, told);
     if let Some(file) = baked.encoded.iter().find(|e| e.encoding == engine.encoding()).or(baked.encoded.first()) {
-        let _ = steps(&mut text, engine, baked.quantity, file, glb.unwrap_or("the GLB"));
+        let _ = steps(&mut text, engine, baked.quantity, file, glb.unwrap_or("the GLB"), told.float);
     }
+    let _ = beside(&mut text, engine, baked, told);
     let _ = rectangles(&mut text, engine, baked);
     text
 }
 
 /// Files, quantity and levels.
-fn head(text: &mut String, engine: Engine, baked: &Baked, scene: &str, glb: Option<&str>) -> std::fmt::Result {
+fn head(text: &mut String, engine: Engine, baked: &Baked, scene: &str, told: &Told) -> std::fmt::Result {
     writeln!(text, "{scene}, baked for {}", engine.title())?;
     writeln!(text)?;
-    if let Some(glb) = glb {
+    if let Some(glb) = told.glb {
         writeln!(text, "geometry   {glb}: lightmap UVs in a set of their own (extras.lumel.texCoord of each node)")?;
     }
     for form in baked.encoded {
         for (uri, [width, height]) in form.uris.iter().zip(&baked.atlas.pages) {
-            writeln!(text, "page       {uri}: {width} x {height}, {}", decode(form))?;
+            writeln!(text, "page       {uri}: {width} x {height}, {}", decode(form, told.float))?;
         }
     }
     let what = match baked.quantity {
@@ -66,22 +80,30 @@ fn head(text: &mut String, engine: Engine, baked: &Baked, scene: &str, glb: Opti
 }
 
 /// How a file's texels become values.
-fn decode(form: &Encoded) -> String {
+fn decode(form: &Encoded, float: bool) -> String {
     let scale = form.scale;
     let scaled = |formula: &str| if scale == 1.0 { formula.to_string() } else { format!("{scale} * {formula}") };
     match form.encoding {
-        Encoding::Exr => "OpenEXR, linear, coverage in alpha".into(),
+        Encoding::Exr if float => "OpenEXR, 32-bit floats where half floats don't do, linear, coverage in alpha".into(),
+        Encoding::Exr => "OpenEXR, half floats, linear, coverage in alpha".into(),
         Encoding::Hdr => "Radiance HDR, linear".into(),
         Encoding::Rgbm => format!("RGBM: {}", scaled("(8 A RGB)^2")),
         Encoding::RgbmSrgb => format!("RGBM: {}", scaled("linear_from_srgb(8 A RGB)")),
         Encoding::Rgbd => format!("RGBD: {}", scaled("RGB^2.2 / A")),
-        Encoding::Ktx2Half => "KTX2 of half floats, linear, coverage in alpha".into(),
-        Encoding::Ktx2Bc6h => "KTX2 of BC6H blocks, linear".into(),
+        Encoding::Ktx2Half => format!("KTX2 of half floats, {}, coverage in alpha", scaled("RGB")),
+        Encoding::Ktx2Bc6h => format!("KTX2 of BC6H blocks, {}", scaled("RGB")),
     }
 }
 
 /// What to do in the engine.
-fn steps(text: &mut String, engine: Engine, quantity: Quantity, file: &Encoded, glb: &str) -> std::fmt::Result {
+fn steps(
+    text: &mut String,
+    engine: Engine,
+    quantity: Quantity,
+    file: &Encoded,
+    glb: &str,
+    float: bool,
+) -> std::fmt::Result {
     let page = file.uris.first().map_or("the page", String::as_str);
     let Some(intensity) = engine.intensity(quantity) else {
         return writeln!(
@@ -93,7 +115,7 @@ fn steps(text: &mut String, engine: Engine, quantity: Quantity, file: &Encoded, 
     let factor = intensity * file.scale;
     let lines = match engine {
         Engine::Bevy => bevy(glb, page, factor),
-        Engine::Three => three(glb, page, factor, file.encoding),
+        Engine::Three => three(glb, page, factor, file.encoding, float),
         Engine::Playcanvas => playcanvas(glb, page, factor),
         Engine::Babylon => babylon(glb, page, factor),
         Engine::Unity => unity(glb, page, factor),
@@ -125,10 +147,11 @@ fn bevy(glb: &str, page: &str, factor: f32) -> String {
     )
 }
 
-fn three(glb: &str, page: &str, factor: f32, encoding: Encoding) -> String {
+fn three(glb: &str, page: &str, factor: f32, encoding: Encoding, float: bool) -> String {
     let loader = match encoding {
         Encoding::Hdr => "HDRLoader",
         Encoding::Ktx2Half | Encoding::Ktx2Bc6h => "KTX2Loader",
+        Encoding::Exr if float => "EXRLoader after setDataType(THREE.FloatType), as half floats would clip them",
         _ => "EXRLoader",
     };
     // The loaders of EXR and HDR put row 0 at the bottom.
@@ -197,6 +220,51 @@ fn blender(glb: &str, page: &str, factor: f32) -> String {
         "Import {glb}. In each material: UV Map node (UVMap.001) -> Mapping (scale x, y; location z, w of the rectangles below) ->\n\
          Image Texture {page} (Non-Color, Linear, Extend) -> times the base colour -> Emission of strength {factor}. View transform Standard."
     )
+}
+
+/// How layers and light probes are read: no engine takes them by itself.
+fn beside(text: &mut String, engine: Engine, baked: &Baked, told: &Told) -> std::fmt::Result {
+    let layers = baked.lightmap.map_or(&[][..], |lightmap| &lightmap.layers);
+    if let Some(formula) = told.directional.formula() {
+        writeln!(
+            text,
+            "directions {formula}. They are channels of the OpenEXR pages; the RGB of the pages needs none of them, and a"
+        )?;
+        writeln!(text, "           shader of your own that knows normal maps reads value(n) in its place.")?;
+    }
+    let names: Vec<&str> = layers.iter().map(|layer| layer.name.as_str()).collect();
+    if !names.is_empty() {
+        writeln!(
+            text,
+            "layers     {}: channels LAYER.R, .G, .B (or .Y, or .X, .Y, .Z) of the OpenEXR pages, by",
+            names.join(", ")
+        )?;
+        writeln!(
+            text,
+            "           the same UVs and rectangles; image importers read the first RGB alone: split them beforehand."
+        )?;
+    }
+    if told.probes {
+        let [json, exr] = crate::write::probes::FILES;
+        writeln!(
+            text,
+            "probes     {json} says where each stands and what it holds (spherical harmonics, metres, right-handed, Y up), {exr}"
+        )?;
+        writeln!(
+            text,
+            "           holds the same as a picture. Set them by a script: no engine imports them by itself."
+        )?;
+    }
+    if told.directional != Directional::Off || !names.is_empty() || told.probes {
+        if engine == Engine::Unity {
+            writeln!(
+                text,
+                "           Unity's space is left-handed: mirror n and positions as the importer does (glTFast: x)."
+            )?;
+        }
+        writeln!(text)?;
+    }
+    Ok(())
 }
 
 /// The rectangles of surfaces.
