@@ -4,25 +4,29 @@ mod support;
 mod walks;
 
 use glam::Vec3;
-use lumel::color::Rgb;
+use lumel::color::{Rgb, luminance};
 use lumel::error::Error;
 use lumel::integrate::bidirectional::{Bidirectional, Strategy};
+use lumel::patch::unocclude::unocclude;
+use lumel::patch::{Ground, Patches, rasterize};
+use lumel::progress::Silent;
 use lumel::scene::{Environment, Light, LightShape, Scene};
-use lumel::sensor::{Sensor, View};
-use support::{Quad, room, scene};
+use lumel::sensor::{Sensor, Texels, View};
+use lumel::settings::{Method, Settings};
+use support::{Quad, atlas, bake_quads, draft, room, scene};
 use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, passes_of, view};
 
 /// Runs of `way` on `scene` through the view, 16 x 16 pixels in blocks of 4.
 fn runs(scene: Scene, view: &View, way: Way, passes: u32, bounces: Option<u32>) -> Runs {
     let prepared = Prepared::new(scene);
     let world = prepared.world();
-    Runs::of(16, |seed| blocks(&film(way, &world, view, passes, bounces, seed).mean(), 16, 4))
+    Runs::of(12, |seed| blocks(&film(way, &world, view, passes, bounces, seed).mean(), 16, 4))
 }
 
 fn assert_agree(name: &str, a: &Runs, b: &Runs, most: f64) {
     let [spread, mean, off] = a.against(b);
     println!("{name}: spread {spread:.2}, mean z {mean:+.2}, whole {:+.3} % of {:.4}", 100.0 * off, b.whole());
-    assert!(spread < 1.5 && mean.abs() < 1.0 && off.abs() < most, "{name}: {spread} {mean} {off}");
+    assert!(spread < 1.7 && mean.abs() < 1.0 && off.abs() < most, "{name}: {spread} {mean} {off}");
 }
 
 #[test]
@@ -42,8 +46,8 @@ fn a_furnace_is_even() {
 fn pictures_agree_with_those_of_paths() {
     for standing in [Standing::Diffuse, Standing::Mirror, Standing::Glass, Standing::Glossy, Standing::Coated] {
         let view = view(16, 16);
-        let paths = runs(cornell(standing), &view, Way::Path, 64, None);
-        let both = runs(cornell(standing), &view, Way::Bidirectional, 16, None);
+        let paths = runs(cornell(standing), &view, Way::Path, 32, None);
+        let both = runs(cornell(standing), &view, Way::Bidirectional, 10, None);
         assert_agree(&format!("{standing:?}"), &both, &paths, 0.02);
     }
 }
@@ -54,16 +58,16 @@ fn every_strategy_finds_all_light_by_itself() {
     let prepared = Prepared::new(cornell(Standing::Diffuse));
     let (world, view) = (prepared.world(), view(16, 16));
     let alone = |from_light, from_eye, passes| {
-        Runs::of(16, |seed| {
+        Runs::of(12, |seed| {
             let mut both = Bidirectional::new(&world, &view, None, seed, "").unwrap();
             both.only = Some(Strategy { from_light, from_eye });
             blocks(&passes_of(&mut both, &view, passes).mean(), 16, 4)
         })
     };
     for places in [3, 4, 5] {
-        let drawn = alone(1, places - 1, 64);
+        let drawn = alone(1, places - 1, 48);
         for from_light in (0..places).filter(|s| *s != 1) {
-            let passes = if from_light == 0 || from_light + 1 == places { 128 } else { 32 };
+            let passes = if from_light == 0 || from_light + 1 == places { 64 } else { 24 };
             let name = format!("{from_light} from the light, {} from the eye", places - from_light);
             assert_agree(&name, &alone(from_light, places - from_light, passes), &drawn, 0.05);
         }
@@ -110,21 +114,21 @@ fn light_of_every_kind_sets_out_as_it_is_drawn() {
     ];
     for (name, lights, sky) in kinds {
         let view = view(16, 16);
-        let paths = runs(open_box(lights.clone(), sky.clone()), &view, Way::Path, 64, None);
-        let both = runs(open_box(lights.clone(), sky.clone()), &view, Way::Bidirectional, 16, None);
+        let paths = runs(open_box(lights.clone(), sky.clone()), &view, Way::Path, 32, None);
+        let both = runs(open_box(lights.clone(), sky.clone()), &view, Way::Bidirectional, 10, None);
         assert_agree(name, &both, &paths, 0.02);
         // Set out alone, as far as weights go unasked: two reflections, joined from a light's second place.
         let prepared = Prepared::new(open_box(lights, sky));
         let world = prepared.world();
         let alone = |from_light, from_eye| {
-            Runs::of(16, |seed| {
+            Runs::of(12, |seed| {
                 let mut both = Bidirectional::new(&world, &view, None, seed, "").unwrap();
                 both.only = Some(Strategy { from_light, from_eye });
-                blocks(&passes_of(&mut both, &view, 64).mean(), 16, 4)
+                blocks(&passes_of(&mut both, &view, 32).mean(), 16, 4)
             })
         };
         if name != "sky" && name != "all" {
-            assert_agree(&format!("{name}, set out"), &alone(2, 2), &alone(1, 3), 0.03);
+            assert_agree(&format!("{name}, set out"), &alone(2, 2), &alone(1, 3), 0.05);
         }
     }
 }
@@ -133,8 +137,8 @@ fn light_of_every_kind_sets_out_as_it_is_drawn() {
 fn bounces_are_counted_alike() {
     for bounces in [0, 1, 3] {
         let view = view(16, 16);
-        let paths = runs(cornell(Standing::Diffuse), &view, Way::Path, 64, Some(bounces));
-        let both = runs(cornell(Standing::Diffuse), &view, Way::Bidirectional, 16, Some(bounces));
+        let paths = runs(cornell(Standing::Diffuse), &view, Way::Path, 32, Some(bounces));
+        let both = runs(cornell(Standing::Diffuse), &view, Way::Bidirectional, 10, Some(bounces));
         assert_agree(&format!("{bounces} bounces"), &both, &paths, 0.02);
     }
 }
@@ -159,5 +163,66 @@ fn what_is_not_followed_from_both_sides_is_refused_by_name() {
     let (world, view) = (prepared.world(), view(4, 4));
     let refused = Bidirectional::new(&world, &view, None, 0, "bidirectional").err().unwrap();
     assert!(matches!(&refused, Error::Unsupported { place, .. } if place == "lamp"), "{refused}");
-    assert!(view.len() == 16);
+}
+
+/// A room with a lamp in the ceiling and a shelf that keeps its light from half of the floor.
+fn room_with_shelf() -> Vec<Quad> {
+    let mut quads: Vec<Quad> = room([4., 3., 4.]).into_iter().map(|q| q.albedo(0.6)).collect();
+    quads.push(Quad::new([1.5, 2.95, 1.5], [1., 0., 0.], [0., 0., 1.]).albedo(0.0).emission(20.0));
+    quads.push(Quad::new([0.3, 1.2, 0.4], [0., 0., 3.], [2., 0., 0.]).albedo(0.7).double_sided());
+    quads
+}
+
+#[test]
+fn texels_agree_with_radiosity() {
+    let quads = room_with_shelf();
+    let radiosity = bake_quads(&quads, 12, &Settings { error: Some(0.5), ..draft() });
+    for method in [Method::Bidirectional, Method::Metropolis] {
+        let walked = bake_quads(&quads, 12, &Settings { method, samples: Some(192), ..draft() });
+        let [a, b] = [&walked, &radiosity].map(|b| surface_means(&b.patches, &b.gathered.irradiance));
+        for (s, (a, b)) in a.iter().zip(&b).enumerate() {
+            println!("{method:?}, surface {s}: {:+.3} % of {b:.3}", 100.0 * (a / b - 1.0));
+            assert!((a / b - 1.0).abs() < 0.01, "{method:?}, surface {s}: {a} against {b}");
+        }
+    }
+}
+
+#[test]
+fn every_strategy_lights_texels() {
+    let scene = scene(&room_with_shelf());
+    let prepared = Prepared::new(scene);
+    let world = prepared.world();
+    let atlas = atlas(prepared.scene.surfaces.len(), 6);
+    let patches = rasterize(&prepared.scene, &atlas, prepared.tracer.triangles(), &Silent).unwrap();
+    let ground = Ground { scene: &prepared.scene, atlas: &atlas, tracer: &prepared.tracer, patches: &patches };
+    let exposure = &unocclude(&ground, 0, &Silent).unwrap();
+    let texels = Texels { ground: &ground, exposure, shading_normals: false };
+    // Right behind the lamp, and under it where a texel is partly covered, light doesn't land on all that is measured.
+    assert!((0..patches.len()).any(|pixel| !texels.catches(pixel)));
+    let alone = |from_light, from_eye| {
+        Runs::of(12, |seed| {
+            let mut both = Bidirectional::new(&world, &texels, None, seed, "").unwrap();
+            both.only = Some(Strategy { from_light, from_eye });
+            surface_means(&patches, &passes_of(&mut both, &texels, 48).mean())
+        })
+    };
+    for places in [2, 3, 4] {
+        let drawn = alone(1, places - 1);
+        for from_light in (0..=places).filter(|s| *s != 1) {
+            let name = format!("{from_light} from the light, {} from texels", places - from_light);
+            assert_agree(&name, &alone(from_light, places - from_light), &drawn, 0.05);
+        }
+    }
+}
+
+/// Mean irradiance of each surface.
+fn surface_means(patches: &Patches, irradiance: &[Rgb]) -> Vec<f64> {
+    let count = (0..patches.len()).map(|i| patches.surface(i)).max().unwrap() as usize + 1;
+    let mut sums = vec![(0.0, 0.0); count];
+    for i in 0..patches.len() {
+        let (sum, area) = &mut sums[patches.surface(i) as usize];
+        *sum += f64::from(luminance(irradiance[i]) * patches.area[i]);
+        *area += f64::from(patches.area[i]);
+    }
+    sums.iter().map(|(sum, area)| sum / area).collect()
 }

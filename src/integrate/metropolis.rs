@@ -1,7 +1,8 @@
 //! Metropolis light transport: chains of samples, each a small change of the one before, that dwell where light is (Veach, Guibas 1997).
 //!
 //! A sample is what [`Bidirectional`] makes of a vector of numbers in [0, 1); chains change the numbers (Kelemen et al. 2002, "A Simple and
-//! Robust Mutation Strategy for the Metropolis Light Transport Algorithm"): all of them anew by a *large step*, or each by a little. What is
+//! Robust Mutation Strategy for the Metropolis Light Transport Algorithm"): all of them anew by a *large step*, or each by a little; or one
+//! walk's anew, with the other's kept, so that a light's walk that found the gap of a door is seen from everywhere. What is
 //! proposed is taken with the probability of its brightness over that of what is there, and both are recorded with what they
 //! expect. Chains know brightness up to a factor, which is the mean over all samples that know nothing of chains: those at the start,
 //! and large steps.
@@ -28,8 +29,13 @@ const FIRST: u32 = 512;
 /// Mutations that a chain makes before what it recorded is added up.
 const AT_ONCE: usize = 256;
 
-/// The share of large steps.
-const LARGE: f32 = 0.3;
+/// Shares of the mutations: everything anew; the eye's walk anew; the light's walk anew. The rest are small steps.
+const ANEW: f32 = 0.15;
+const EYE_ANEW: f32 = 0.35;
+const LIGHT_ANEW: f32 = 0.1;
+
+/// What light's walks find by themselves stays in its pixel however the eye's walk changes, so it is left to the eye where it can be.
+const LIGHT_ALONE: f32 = 0.1;
 
 /// Standard deviation of a small step.
 const SMALL: f32 = 0.01;
@@ -72,6 +78,14 @@ struct Chain {
     state: Option<State>,
 }
 
+/// How the numbers of a stream change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Change {
+    Anew,
+    Small,
+    None,
+}
+
 /// A sample, and how much it is to be recorded yet.
 struct State {
     added: Vec<Added>,
@@ -99,6 +113,7 @@ impl<'a> Metropolis<'a> {
                 areas.map_or(Choice::None, Choice::Areas)
             }
         };
+        paths.light_alone = LIGHT_ALONE;
         Self { paths, choice, chains: Vec::new(), groups: Vec::new(), passes: 0 }
     }
 
@@ -151,7 +166,7 @@ impl<'a> Metropolis<'a> {
         let stream = |k| Stream::new(self.random(chain, sample, k));
         let numbers = Streams { eye: stream(1), light: stream(2), joins: stream(3) };
         let mut chain = Chain { numbers, pixel: stream(4), random: self.random(chain, sample, 5), state: None };
-        chain.propose(true);
+        chain.propose(Change::Anew, Change::Anew);
         chain
     }
 
@@ -179,10 +194,10 @@ impl<'a> Metropolis<'a> {
         let Some(mut state) = chain.state.take() else { return record };
         let mut added = Vec::new();
         for _ in 0..mutations {
-            let is_large = chain.random.next() < LARGE;
-            chain.propose(is_large);
+            let (eye, light) = mutation(chain.random.next());
+            chain.propose(eye, light);
             let brightness = self.evaluate(chain, &mut added);
-            if is_large {
+            if (eye, light) == (Change::Anew, Change::Anew) {
                 record.brightness += brightness;
                 record.samples += 1;
             }
@@ -257,8 +272,10 @@ impl Chain {
         [&mut self.pixel, &mut self.numbers.eye, &mut self.numbers.light, &mut self.numbers.joins]
     }
 
-    fn propose(&mut self, is_large: bool) {
-        self.streams().into_iter().for_each(|stream| stream.propose(is_large));
+    /// Changes the numbers of the pixel and the walk from it, and of the light's walk.
+    fn propose(&mut self, eye: Change, light: Change) {
+        [&mut self.pixel, &mut self.numbers.eye, &mut self.numbers.joins].into_iter().for_each(|s| s.propose(eye));
+        self.numbers.light.propose(light);
     }
 
     fn accept(&mut self) {
@@ -276,6 +293,19 @@ impl Chain {
     }
 }
 
+/// The mutation that `u` picks: of what the eye's walk is made of, and of what the light's is.
+fn mutation(u: f32) -> (Change, Change) {
+    if u < ANEW {
+        (Change::Anew, Change::Anew)
+    } else if u < ANEW + EYE_ANEW {
+        (Change::Anew, Change::None)
+    } else if u < ANEW + EYE_ANEW + LIGHT_ANEW {
+        (Change::None, Change::Anew)
+    } else {
+        (Change::Small, Change::Small)
+    }
+}
+
 /// Numbers of a chain's state, changed only once they are asked for.
 struct Stream {
     numbers: Vec<Number>,
@@ -285,7 +315,7 @@ struct Stream {
     /// Proposals that were accepted, and how many of them there were at the last large step.
     step: u64,
     last_large: u64,
-    is_large: bool,
+    change: Change,
     /// What the numbers that were asked for were before.
     before: Vec<Number>,
 }
@@ -299,17 +329,17 @@ struct Number {
 
 impl Stream {
     fn new(random: Random) -> Self {
-        Self { numbers: Vec::new(), at: 0, random, step: 0, last_large: 0, is_large: true, before: Vec::new() }
+        Self { numbers: Vec::new(), at: 0, random, step: 0, last_large: 0, change: Change::Anew, before: Vec::new() }
     }
 
-    fn propose(&mut self, is_large: bool) {
-        (self.at, self.is_large) = (0, is_large);
+    fn propose(&mut self, change: Change) {
+        (self.at, self.change) = (0, change);
         self.before.clear();
     }
 
     fn accept(&mut self) {
-        self.step += 1;
-        if self.is_large {
+        self.step += u64::from(self.change != Change::None);
+        if self.change == Change::Anew {
             self.last_large = self.step;
         }
         self.before.clear();
@@ -332,10 +362,10 @@ impl Numbers for Stream {
             *number = Number { value: self.random.next(), step: self.last_large };
         }
         self.before.push(*number);
-        let next = self.step + 1;
-        if self.is_large {
+        let next = self.step + u64::from(self.change != Change::None);
+        if self.change == Change::Anew {
             number.value = self.random.next();
-        } else {
+        } else if next > number.step {
             // Steps that were missed add up to a wider one.
             let width = SMALL * ((next - number.step) as f32).sqrt();
             let moved = number.value + width * normal(&mut self.random);
@@ -363,7 +393,7 @@ mod tests {
         let mut stream = Stream::new(Random::new(1, 2));
         let mut counts = [0u32; 10];
         for step in 0..60_000 {
-            stream.propose(step % 7 == 0);
+            stream.propose([Change::Anew, Change::Small, Change::None][step % 7 % 3]);
             // Every other state asks for more of them.
             let asked: Vec<f32> = (0..3 + step % 2 * 2).map(|_| stream.next()).collect();
             if step % 3 == 0 {
@@ -381,14 +411,14 @@ mod tests {
     #[test]
     fn small_steps_are_as_wide_as_they_are_many() {
         let mut stream = Stream::new(Random::new(3, 4));
-        stream.propose(true);
+        stream.propose(Change::Anew);
         let first: Vec<f32> = (0..4000).map(|_| stream.next()).collect();
         stream.accept();
         for _ in 0..8 {
-            stream.propose(false);
+            stream.propose(Change::Small);
             stream.accept();
         }
-        stream.propose(false);
+        stream.propose(Change::Small);
         let squares = first.iter().map(|from| {
             let d = (stream.next() - from).abs();
             f64::from(d.min(1.0 - d)).powi(2)

@@ -44,6 +44,11 @@ pub trait Sensor: Sync {
     /// The pixel that a hit lies in, of sensors that lie on surfaces.
     fn under(&self, hit: &Hit) -> Option<usize>;
 
+    /// True where light that lands on `pixel` is what walks from it find: of all of it, and of no more.
+    fn catches(&self, _pixel: usize) -> bool {
+        false
+    }
+
     /// The point of a surface as a sensor that lies on it measures there: about which normal.
     fn receives(&self, point: SurfacePoint) -> SurfacePoint {
         point

@@ -1,6 +1,7 @@
 //! The texels of an atlas, on the fronts of surfaces.
 
 use super::{Seen, Sensor, Start};
+use crate::patch::footprint::CellMask;
 use crate::patch::{Ground, SurfacePoint, unocclude::Exposure};
 use crate::sample::Numbers;
 use crate::trace::Hit;
@@ -44,6 +45,11 @@ impl Sensor for Texels<'_> {
     fn under(&self, hit: &Hit) -> Option<usize> {
         let patch = self.ground.patch_under(hit).filter(|_| !hit.back)?;
         (!self.exposure.is_buried(patch)).then_some(patch)
+    }
+
+    fn catches(&self, pixel: usize) -> bool {
+        // Of a footprint that lies in the open in part, a hit doesn't tell in which.
+        self.exposure.cells[pixel] == CellMask::ALL && self.ground.casts(pixel)
     }
 
     fn receives(&self, point: SurfacePoint) -> SurfacePoint {

@@ -39,7 +39,7 @@ impl<'a> Bidirectional<'a> {
         let share = self.shares.of(self.sensor, pixel);
         let start = self.sensor.start(pixel, &mut streams.eye);
         let area = self.sensor.area(pixel).max(f32::MIN_POSITIVE);
-        let eye = start.map(|start| self.from_eye(start, share / area, most, &mut streams.eye));
+        let eye = start.map(|start| self.from_eye((pixel, start), share / area, most, &mut streams.eye));
         let light = self.from_light(most, &mut streams.light);
         let worth = 1.0 / share.max(f32::MIN_POSITIVE);
         let pair = Pair { light: light.as_ref(), eye: eye.as_ref(), pixel, worth, lens: streams.joins.pair() };
@@ -69,6 +69,11 @@ impl<'a> Bidirectional<'a> {
         if self.only.is_some() { 1.0 } else { weight(end, places, from_light) }
     }
 
+    /// What [`Self::light_alone`] comes to for a path to where `eye` started: nothing where none can.
+    fn alone_to(&self, eye: &EyeWalk) -> f32 {
+        if eye.is_seen { self.light_alone } else { 0.0 }
+    }
+
     /// What the eye's walk met: no place from the light's side.
     fn eye_alone(&self, pair: &Pair, out: &mut Vec<Added>) {
         let Some(eye) = pair.eye else { return };
@@ -93,7 +98,7 @@ impl<'a> Bidirectional<'a> {
         if met.after >= 2 {
             places[1].from_light = z.density(met.towards, z.vertex.back, Transport::Importance) * z.to_previous;
         }
-        hide(eye, places);
+        favour_eye(places, eye.has_camera, self.alone_to(eye));
         self.share_of(&end, places, 0)
     }
 
@@ -121,7 +126,7 @@ impl<'a> Bidirectional<'a> {
                     let back = z.vertex.pdf_between(drawn.towards, z.vertex.back, Transport::Importance);
                     places[1].from_light = back * z.to_previous;
                 }
-                hide(eye, &mut places);
+                favour_eye(&mut places, eye.has_camera, self.alone_to(eye));
                 let way = drawn.at.distance(z.vertex.position);
                 let left = attenuation(z.absorption(self.world, drawn.towards), way);
                 sum += z.carried * drawn.light * left * self.share_of(&end, &places, 1);
@@ -159,7 +164,7 @@ impl<'a> Bidirectional<'a> {
                     let back = z.vertex.pdf_between(-d, z.vertex.back, Transport::Importance);
                     places[a + 2].from_light = back * z.to_previous;
                 }
-                hide(eye, &mut places);
+                favour_eye(&mut places, eye.has_camera, self.alone_to(eye));
                 let end = LightEnd { met, drawn: start.drawn, emitted: start.emitted };
                 let value = value * self.share_of(&end, &places, a + 2);
                 if value != Rgb::ZERO {
@@ -228,6 +233,7 @@ impl<'a> Bidirectional<'a> {
         places[a].from_eye = self.sensor.direction_pdf(-d) * facing(&y.vertex, seen.from);
         places[a].joins = true;
         places.push(Place { from_light: 0.0, from_eye: 1.0, joins: true });
+        favour_eye(places, true, self.light_alone);
         let value = value * self.share_of(&end(back), places, a + 2);
         let from = y.vertex.origin(self.world.tracer, d);
         let way = seen.from - from;
@@ -241,7 +247,7 @@ impl<'a> Bidirectional<'a> {
     fn landed(&self, nodes: &[Node], end: impl Fn(f32) -> LightEnd, places: &mut Vec<Place>) -> Option<Added> {
         let (y, a) = (nodes.last()?, nodes.len() - 1);
         let on = y.vertex.surface()?;
-        let pixel = self.sensor.under(&on.hit?)?;
+        let pixel = self.sensor.under(&on.hit?).filter(|&pixel| self.sensor.catches(pixel))?;
         let area = self.sensor.area(pixel);
         if area <= 0.0 {
             return None;
@@ -257,6 +263,7 @@ impl<'a> Bidirectional<'a> {
         }
         places[a].from_eye = self.shares.of(self.sensor, pixel) / area;
         places[a].joins = true;
+        favour_eye(places, false, self.light_alone);
         Some((pixel, value * self.share_of(&end(back), places, a + 2)))
     }
 }
@@ -288,11 +295,10 @@ fn chain(light: &[Node], eye: Option<(&EyeWalk, usize)>, places: &mut Vec<Place>
     }
 }
 
-/// Light lands on no sensor that rays pass.
-fn hide(eye: &EyeWalk, places: &mut [Place]) {
-    if !eye.is_seen
-        && let Some(last) = places.last_mut()
-    {
-        last.from_light = 0.0;
+/// Makes the light's walk find the sensor by itself with `share` of its density: what it finds so comes at the last place on a surface.
+fn favour_eye(places: &mut [Place], has_camera: bool, share: f32) {
+    let last = places.len().checked_sub(1 + usize::from(has_camera));
+    if let Some(last) = last {
+        places[last].from_light *= share;
     }
 }

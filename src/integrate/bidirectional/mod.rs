@@ -40,6 +40,9 @@ pub struct Bidirectional<'a> {
     pub seed: u32,
     /// How often pixels are walked from.
     pub shares: Shares,
+    /// The factor on the density with which light's walks find the sensor by themselves, as weights see it: 1 where a sample's pixel
+    /// matters no more than where its light goes.
+    pub light_alone: f32,
     /// One strategy by itself, unweighted: for those who want to see what it finds.
     pub only: Option<Strategy>,
 }
@@ -88,7 +91,7 @@ impl<'a> Bidirectional<'a> {
     ) -> Result<Self> {
         refuse(world, method)?;
         let shares = Shares::Even(1.0 / sensor.len().max(1) as f32);
-        Ok(Self { world, sensor, sources: Sources::new(world), max_bounces, seed, shares, only: None })
+        Ok(Self { world, sensor, sources: Sources::new(world), max_bounces, seed, shares, light_alone: 1.0, only: None })
     }
 
     fn streams(&self, pixel: usize, index: u64) -> Streams<Drawn> {

@@ -3,7 +3,7 @@
 use super::super::emit::{Emitted, Source};
 use super::super::lamps::Lamp;
 use super::super::vertex::Vertex;
-use super::super::world::{World, attenuation};
+use super::super::world::{Travelled, World, attenuation};
 use super::Bidirectional;
 use crate::color::Rgb;
 use crate::sample::Numbers;
@@ -15,6 +15,9 @@ use std::f32::consts::PI;
 
 /// Places after which Russian roulette may end a walk.
 const ROULETTE_START: usize = 4;
+
+/// Places that most walks have room for: they are large, and costly to move.
+const PLACES: usize = 12;
 
 /// The least probability of ending a walk that roulette decides on.
 const LEAST_END: f32 = 0.02;
@@ -52,7 +55,7 @@ pub struct EyeWalk<'a> {
     pub met: Vec<Met>,
     /// It came from a camera, which is a place of its own before them.
     pub has_camera: bool,
-    /// Light may find that camera.
+    /// Light's walks may find where it started.
     pub is_seen: bool,
 }
 
@@ -133,8 +136,8 @@ impl<'a> Bidirectional<'a> {
             spread: 1.0,
             first: emitted.flux.max_element(),
         };
-        let mut nodes = Vec::new();
-        let met = self.walk(&mut nodes, going, Transport::Importance, most, numbers, |_, _, _, _| {});
+        let mut nodes = Vec::with_capacity(PLACES);
+        let met = self.walk(&mut nodes, going, Transport::Importance, most, numbers, |_, _, _| {});
         if let Some(first) = nodes.first() {
             let within = self.sources.window(self.world, &emitted, first.vertex.position);
             let ahead = self.end_at(emitted.source, emitted.position, &first.vertex, -emitted.direction).second;
@@ -147,11 +150,17 @@ impl<'a> Bidirectional<'a> {
         Some(walk)
     }
 
-    /// Sets out from a sensor, whose own place has the density `start_pdf` [1/m^2] where it lies on a surface. `most` bounds the
+    /// Sets out from `pixel`, whose own place has the density `start_pdf` [1/m^2] where it lies on a surface. `most` bounds the
     /// places, without a camera's.
-    pub fn from_eye(&self, start: Start, start_pdf: f32, most: usize, numbers: &mut impl Numbers) -> EyeWalk<'a> {
+    pub fn from_eye(
+        &self,
+        (pixel, start): (usize, Start),
+        start_pdf: f32,
+        most: usize,
+        numbers: &mut impl Numbers,
+    ) -> EyeWalk<'a> {
         let world = self.world;
-        let mut eye = EyeWalk { nodes: Vec::new(), met: Vec::new(), has_camera: false, is_seen: false };
+        let mut eye = EyeWalk { nodes: Vec::with_capacity(PLACES), met: Vec::new(), has_camera: false, is_seen: false };
         let EyeWalk { nodes, met, .. } = &mut eye;
         let has_camera = matches!(start, Start::Ray(_));
         let is_seen;
@@ -164,8 +173,7 @@ impl<'a> Bidirectional<'a> {
                 Some(Going { ray, carried: Rgb::ONE, pdf, absorption: Rgb::ZERO, spread: 1.0, first: 1.0 })
             }
             Start::Point(point) => {
-                // What doesn't cast is passed by rays of light.
-                is_seen = world.scene.surfaces.get(point.surface as usize).is_some_and(|s| s.role.casts);
+                is_seen = self.sensor.catches(pixel);
                 let vertex = world.receiver(point);
                 nodes.push(Node {
                     vertex,
@@ -188,17 +196,14 @@ impl<'a> Bidirectional<'a> {
             }
         };
         if let Some(going) = going {
-            let mut see = |nodes: &[Node], going: &Going, t: f32, vertex: Option<&(Vertex<'a>, Rgb)>| {
-                self.meet(nodes.len(), going, t, vertex, met);
-            };
-            self.walk(nodes, going, Transport::Radiance, most, numbers, &mut see);
+            let see = |after, going: &Going, travelled: &Travelled| self.meet(after, going, travelled, met);
+            self.walk(nodes, going, Transport::Radiance, most, numbers, see);
         }
         (eye.has_camera, eye.is_seen) = (has_camera, is_seen);
         eye
     }
 
-    /// Follows a walk until it ends, `visit` seeing each way: the places before it, its length, and the place that it leads to with the
-    /// share that arrives. Returns the density with which one coming back leaves the first place for where it set out.
+    /// Follows a walk until it ends, `visit` seeing each way and how many places are before it. Returns the density with which one coming back leaves the first place for where it set out.
     fn walk(
         &self,
         nodes: &mut Vec<Node<'a>>,
@@ -206,14 +211,14 @@ impl<'a> Bidirectional<'a> {
         mode: Transport,
         most: usize,
         numbers: &mut impl Numbers,
-        mut visit: impl FnMut(&[Node], &Going, f32, Option<&(Vertex<'a>, Rgb)>),
+        mut visit: impl FnMut(usize, &Going, &Travelled<'a>),
     ) -> f32 {
         let mut back_to_start = 0.0;
         loop {
             let travelled = self.world.travel(&going.ray, going.carried, going.absorption, numbers);
-            let arrived = travelled.vertex.map(|vertex| (vertex, travelled.weight));
-            visit(nodes, &going, travelled.t, arrived.as_ref());
-            let Some((vertex, share)) = arrived else { return back_to_start };
+            visit(nodes.len(), &going, &travelled);
+            let share = travelled.weight;
+            let Some(vertex) = travelled.vertex else { return back_to_start };
             if nodes.len() >= most {
                 return back_to_start;
             }
@@ -243,15 +248,16 @@ impl<'a> Bidirectional<'a> {
         numbers: &mut impl Numbers,
     ) -> Option<Going> {
         let count = nodes.len();
-        let node = nodes.last_mut()?;
-        let vertex = node.vertex;
-        let (onward, chance) = (vertex.go_on(mode, numbers), numbers.next());
+        let (before, node) = nodes.split_at_mut(count.checked_sub(1)?);
+        let node = &mut node[0];
+        let (onward, chance) = (node.vertex.go_on(mode, numbers), numbers.next());
         let onward = onward?;
         node.is_delta = onward.pdf <= 0.0;
         let other = match mode {
             Transport::Radiance => Transport::Importance,
             Transport::Importance => Transport::Radiance,
         };
+        let vertex = &node.vertex;
         let behind = node.density(onward.direction, vertex.back, other) * node.to_previous;
         let pdf = node.density(vertex.back, onward.direction, mode);
         let mut next = Going {
@@ -268,11 +274,11 @@ impl<'a> Bidirectional<'a> {
             if mode == Transport::Radiance {
                 next.spread *= if into { 1.0 / (eta * eta) } else { eta * eta };
             }
-            next.absorption = self.world.absorption(&vertex, onward.direction);
+            next.absorption = self.world.absorption(vertex, onward.direction);
         }
-        match count {
-            1 => *back_to_start = behind,
-            _ => nodes[count - 2].behind = behind,
+        match before.last_mut() {
+            None => *back_to_start = behind,
+            Some(node) => node.behind = behind,
         }
         if next.carried == Rgb::ZERO || !next.carried.is_finite() {
             return None;
@@ -289,10 +295,10 @@ impl<'a> Bidirectional<'a> {
     }
 
     /// Notes what shines along a way.
-    fn meet(&self, after: usize, going: &Going, t: f32, arrived: Option<&(Vertex<'a>, Rgb)>, met: &mut Vec<Met>) {
+    fn meet(&self, after: usize, going: &Going, travelled: &Travelled, met: &mut Vec<Met>) {
         let world = self.world;
         let towards = going.ray.direction;
-        world.lamps(&going.ray, t, &mut Unused, |lamp, distance, radiance| {
+        world.lamps(&going.ray, travelled.t, &mut Unused, |lamp, distance, radiance| {
             let source = match lamp {
                 Lamp::Polygon(number) => Source::Polygon(number),
                 Lamp::Ball(number) => Source::Delta(number),
@@ -300,12 +306,13 @@ impl<'a> Bidirectional<'a> {
             let light = radiance * attenuation(going.absorption, distance) * going.carried;
             met.push(Met { after, source, at: going.ray.origin + towards * distance, towards, light });
         });
-        match arrived {
-            Some((vertex, share)) => {
+        match &travelled.vertex {
+            Some(vertex) => {
                 let hit = vertex.surface().and_then(|on| on.hit);
                 let Some((hit, number)) = hit.and_then(|hit| Some((hit, world.polygon_at(&hit)?))) else { return };
                 let polygon = &world.lights.polygons.polygons[number];
-                let light = world.radiance_at(polygon, vertex.position, vertex.back, &hit) * *share * going.carried;
+                let light =
+                    world.radiance_at(polygon, vertex.position, vertex.back, &hit) * travelled.weight * going.carried;
                 met.push(Met { after, source: Source::Polygon(number), at: vertex.position, towards, light });
             }
             None => {
