@@ -91,7 +91,16 @@ impl<'a> Bidirectional<'a> {
     ) -> Result<Self> {
         refuse(world, method)?;
         let shares = Shares::Even(1.0 / sensor.len().max(1) as f32);
-        Ok(Self { world, sensor, sources: Sources::new(world), max_bounces, seed, shares, light_alone: 1.0, only: None })
+        Ok(Self {
+            world,
+            sensor,
+            sources: Sources::new(world),
+            max_bounces,
+            seed,
+            shares,
+            light_alone: 1.0,
+            only: None,
+        })
     }
 
     fn streams(&self, pixel: usize, index: u64) -> Streams<Drawn> {

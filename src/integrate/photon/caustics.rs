@@ -1,7 +1,7 @@
 //! Light over mirrors and glass, straight from lights, for methods that see diffuse surfaces alone.
 
 use super::refuse;
-use super::shoot::{AT_ONCE, Way, follow, numbers};
+use super::shoot::{AT_ONCE, Only, Way, follow, numbers};
 use crate::Result;
 use crate::color::Rgb;
 use crate::integrate::World;
@@ -78,9 +78,9 @@ fn land(
             progress.check()?;
             let mut landed = Vec::new();
             for k in chunk * AT_ONCE..(chunk + 1) * AT_ONCE {
-                let mut numbers = numbers(run, k);
+                let mut numbers = numbers(run, Only::Mirrors, k);
                 let Some(emitted) = sources.emit(world, &mut numbers) else { continue };
-                let way = Way { flux: emitted.flux / BATCH as f32, most: None, only_caustics: true };
+                let way = Way { flux: emitted.flux / BATCH as f32, most: None, only: Only::Mirrors };
                 follow(world, &emitted, way, &mut numbers, |landing| {
                     if landing.caustic {
                         landed.extend(landing.on_pixel(sensor));

@@ -20,8 +20,6 @@ pub struct Photon {
     pub flux: Rgb,
     /// How often it was scattered before.
     pub bounces: u32,
-    /// It came over mirrors and glass alone, one at least.
-    pub caustic: bool,
 }
 
 impl Photon {

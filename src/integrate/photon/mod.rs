@@ -42,7 +42,7 @@ use crate::scatter::Transport;
 use crate::sensor::{Film, Sensor, Start};
 use map::{Map, Photon};
 use rayon::prelude::*;
-use shoot::{Shot, shoot};
+use shoot::{Only, Shot, shoot};
 use std::f32::consts::PI;
 
 /// How photons are sent and read.
@@ -81,8 +81,11 @@ const MAPS: usize = 4;
 const LEAST_PHOTONS: usize = 1 << 15;
 const MOST_PHOTONS: usize = 1 << 18;
 
+/// Photons over mirrors and glass alone, over those on all ways: most end at once.
+const CAUSTIC_PHOTONS: u32 = 8;
+
 /// Photons that the median photon has within the first radius, of all and of those over mirrors and glass.
-const NEIGHBOURS: [usize; MAPS] = [12, 24, 16, 24];
+const NEIGHBOURS: [usize; MAPS] = [12, 150, 16, 150];
 
 /// The share of the variance that a radius keeps from pass to pass: Knaus' and Zwicker's alpha.
 const ALPHA: f64 = 2.0 / 3.0;
@@ -119,15 +122,11 @@ impl<'a> Photons<'a> {
         self.params.photons.unwrap_or(by_pixels as u32)
     }
 
-    /// The maps of pass `index`, from 0.
-    fn maps(&mut self, photons: Vec<Photon>, index: u64) -> Maps {
-        let (in_media, on_surfaces): (Vec<Photon>, Vec<Photon>) = photons.into_iter().partition(Photon::is_in_medium);
-        let caustic = |photons: &[Photon]| photons.iter().filter(|photon| photon.caustic).copied().collect();
-        let caustics: [Vec<Photon>; 2] = [caustic(&on_surfaces), caustic(&in_media)];
-        let [on, within] = caustics;
+    /// The maps of pass `index`, from 0, of photons on ways of all kinds and over mirrors and glass alone.
+    fn maps(&mut self, everything: Vec<Photon>, caustic: Vec<Photon>, index: u64) -> Maps {
+        let scale = self.sources.bounds().1;
+        let least = LEAST_RADIUS * scale;
         let mut map = |k: usize, photons: Vec<Photon>| {
-            let scale = self.sources.bounds().1;
-            let least = LEAST_RADIUS * scale;
             let chosen = || map::radius_of(&photons, NEIGHBOURS[k]);
             let first = self.first[k].or(self.params.radius).or_else(chosen).map(|radius| radius.clamp(least, scale));
             self.first[k] = first;
@@ -135,12 +134,28 @@ impl<'a> Photons<'a> {
             let shrunk = shrink(index, dimensions) * f64::from(first.unwrap_or(UNKNOWN_RADIUS * scale));
             Map::new(photons, (shrunk as f32).max(least))
         };
+        let apart = |photons: Vec<Photon>| -> (Vec<Photon>, Vec<Photon>) {
+            photons.into_iter().partition(Photon::is_in_medium)
+        };
+        let ((all_within, all_on), (within, on)) = (apart(everything), apart(caustic));
         Maps {
-            all: map(0, on_surfaces),
+            all: map(0, all_on),
             caustic: map(1, on),
-            all_in_media: map(2, in_media),
+            all_in_media: map(2, all_within),
             caustic_in_media: map(3, within),
         }
+    }
+
+    /// Sends out the photons of pass `index`: those on ways of all kinds, and those over mirrors and glass alone.
+    fn shoot(&self, index: u64, progress: &dyn Progress) -> Result<(Shot, Shot)> {
+        let most = self.params.max_bounces.map(|most| most.saturating_add(1));
+        let send = |only: Only, count: u32| {
+            shoot(self.world, &self.sources, self.sensor, count, (only, most), (self.params.seed, index), progress)
+        };
+        let scene = self.world.scene;
+        let has_mirrors = scene.materials.iter().any(|material| material.appearance.is_some());
+        let caustics = if has_mirrors { self.count().saturating_mul(CAUSTIC_PHOTONS) } else { 0 };
+        Ok((send(Only::Everything, self.count())?, send(Only::Single, caustics)?))
     }
 }
 
@@ -153,10 +168,8 @@ fn shrink(index: u64, dimensions: f64) -> f64 {
 impl Integrator for Photons<'_> {
     fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()> {
         let index = film.passes();
-        let limit = self.params.max_bounces.map(|most| most.saturating_add(1));
-        let Shot { photons, landed } =
-            shoot(self.world, &self.sources, self.sensor, self.count(), limit, (self.params.seed, index), progress)?;
-        let maps = self.maps(photons, index);
+        let (everything, caustic) = self.shoot(index, progress)?;
+        let maps = self.maps(everything.photons, caustic.photons, index);
         let mut values = vec![Rgb::ZERO; self.sensor.len()];
         values.par_chunks_mut(AT_ONCE).enumerate().try_for_each(|(chunk, values)| {
             progress.check()?;
@@ -165,7 +178,7 @@ impl Integrator for Photons<'_> {
             }
             Ok(())
         })?;
-        for (pixel, irradiance) in landed {
+        for (pixel, irradiance) in caustic.landed {
             values[pixel as usize] += irradiance;
         }
         film.add(&values);

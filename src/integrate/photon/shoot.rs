@@ -26,7 +26,7 @@ pub(super) const AT_ONCE: u32 = 1024;
 /// Scatterings after which a photon ends whatever it carries: between mirrors that absorb nothing it would never end.
 const MOST_BOUNCES: u32 = 1000;
 
-/// Sends out `count` photons, of the run (seed, pass), which are scattered `most` times at most.
+/// Sends out `count` photons on ways of the kind `only`, of the run (seed, pass), which are scattered `most` times at most.
 ///
 /// # Errors
 /// `Cancelled`.
@@ -35,7 +35,7 @@ pub fn shoot(
     sources: &Sources,
     sensor: &dyn Sensor,
     count: u32,
-    most: Option<u32>,
+    (only, most): (Only, Option<u32>),
     run: (u32, u64),
     progress: &dyn Progress,
 ) -> Result<Shot> {
@@ -45,10 +45,14 @@ pub fn shoot(
             progress.check()?;
             let mut shot = Shot { photons: Vec::new(), landed: Vec::new() };
             for k in chunk * AT_ONCE..((chunk + 1) * AT_ONCE).min(count) {
-                let mut numbers = numbers(run, k);
+                let mut numbers = numbers(run, only, k);
                 let Some(emitted) = sources.emit(world, &mut numbers) else { continue };
-                let way = Way { flux: emitted.flux / count as f32, most, only_caustics: false };
-                follow(world, &emitted, way, &mut numbers, |landing| shot.keep(world, sensor, most, &landing));
+                let way = Way { flux: emitted.flux / count as f32, most, only };
+                follow(world, &emitted, way, &mut numbers, |landing| {
+                    if only == Only::Everything || landing.caustic {
+                        shot.keep(world, sensor, (only, most), &landing);
+                    }
+                });
             }
             Ok(shot)
         })
@@ -58,8 +62,8 @@ pub fn shoot(
 }
 
 /// What photon `k` of a run draws from.
-pub(super) fn numbers((seed, pass): (u32, u64), k: u32) -> Drawn {
-    Drawn::new(seed, Stage::Photon, pass, u64::from(k))
+pub(super) fn numbers((seed, pass): (u32, u64), only: Only, k: u32) -> Drawn {
+    Drawn::new(seed, Stage::Photon, 2 * pass + u64::from(only != Only::Everything), u64::from(k))
 }
 
 /// A photon that comes to a vertex.
@@ -83,10 +87,10 @@ impl Landing<'_, '_> {
 }
 
 impl Shot {
-    fn keep(&mut self, world: &World, sensor: &dyn Sensor, most: Option<u32>, landing: &Landing) {
-        let Landing { vertex, flux, bounces, caustic } = *landing;
+    fn keep(&mut self, world: &World, sensor: &dyn Sensor, (only, most): (Only, Option<u32>), landing: &Landing) {
+        let Landing { vertex, flux, bounces, .. } = *landing;
         // What a camera sees of it is reflected once more.
-        if caustic && most.is_none_or(|most| bounces < most) {
+        if only != Only::Everything && most.is_none_or(|most| bounces < most) {
             self.landed.extend(landing.on_pixel(sensor));
         }
         if vertex.is_delta() {
@@ -94,14 +98,12 @@ impl Shot {
         }
         let (position, towards) = (vertex.position, vertex.back);
         let photon = match &vertex.kind {
-            Kind::Surface(on) => {
-                Photon { position, towards, normal: on.front_towards(towards), flux, bounces, caustic }
-            }
+            Kind::Surface(on) => Photon { position, towards, normal: on.front_towards(towards), flux, bounces },
             Kind::Medium(_) => {
                 let scattering = world.media.at(position).scattering;
                 let over = |flux: f32, sigma: f32| if sigma > 0.0 { flux / sigma } else { 0.0 };
                 let flux = Rgb::new(over(flux.x, scattering.x), over(flux.y, scattering.y), over(flux.z, scattering.z));
-                Photon { position, towards, normal: glam::Vec3::ZERO, flux, bounces, caustic }
+                Photon { position, towards, normal: glam::Vec3::ZERO, flux, bounces }
             }
         };
         if photon.flux.is_finite() {
@@ -117,8 +119,17 @@ pub struct Way {
     pub flux: Rgb,
     /// How often it is scattered, at most.
     pub most: Option<u32>,
-    /// It ends once anything but [mirrors and glass](crate::scene::Appearance::is_single) has scattered it.
-    pub only_caustics: bool,
+    pub only: Only,
+}
+
+/// Ways that photons are followed on.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Only {
+    Everything,
+    /// Over what sends light on in one direction.
+    Single,
+    /// Over [mirrors and glass](crate::scene::Appearance::is_single) that do nothing else.
+    Mirrors,
 }
 
 /// Follows light that was `emitted`, and calls `land` at each vertex that it comes to. Russian roulette by the share that is scattered
@@ -141,11 +152,11 @@ pub fn follow(world: &World, emitted: &Emitted, way: Way, numbers: &mut impl Num
             return;
         }
         let Some(onward) = vertex.go_on(Transport::Importance, numbers) else { return };
-        only_single &= onward.pdf == 0.0 && (!way.only_caustics || is_single(world, &vertex));
+        only_single &= onward.pdf == 0.0 && (way.only != Only::Mirrors || is_single(world, &vertex));
         let sent = flux * onward.weight;
         let survival = (sent.max_element() / flux.max_element()).min(1.0);
         let goes_on = numbers.next() < survival;
-        if !goes_on || way.only_caustics && !only_single {
+        if !goes_on || way.only != Only::Everything && !only_single {
             return;
         }
         flux = sent / survival;
