@@ -7,7 +7,7 @@ returns the text.
 
 from importlib import import_module
 
-NAMES = ["box_1984", "box_1985", "convergence", "factory", "meshes", "museum", "table"]
+NAMES = ["box_1984", "box_1985", "convergence", "factory", "meshes", "methods", "museum", "table"]
 
 
 def load(name: str):
