@@ -176,14 +176,19 @@ fn room_with_shelf() -> Vec<Quad> {
 #[test]
 fn texels_agree_with_radiosity() {
     let quads = room_with_shelf();
-    let radiosity = bake_quads(&quads, 12, &Settings { error: Some(0.5), ..draft() });
-    // Chains dwell, and tell small surfaces less well.
-    for (method, samples, most) in [(Method::Bidirectional, 96, 0.01), (Method::Metropolis, 512, 0.03)] {
-        let walked = bake_quads(&quads, 12, &Settings { method, samples: Some(samples), ..draft() });
-        let [a, b] = [&walked, &radiosity].map(|b| surface_means(&b.patches, &b.gathered.irradiance, |_| true));
-        for (s, (a, b)) in a.iter().zip(&b).enumerate() {
-            println!("{method:?}, surface {s}: {:+.3} % of {b:.3}", 100.0 * (a / b - 1.0));
-            assert!((a / b - 1.0).abs() < most, "{method:?}, surface {s}: {a} against {b}");
+    let means = |settings: &Settings| {
+        let baked = bake_quads(&quads, 12, settings);
+        surface_means(&baked.patches, &baked.gathered.irradiance, |_| true)
+    };
+    let radiosity = means(&Settings { error: Some(0.5), ..draft() });
+    for (method, samples) in [(Method::Bidirectional, 24), (Method::Metropolis, 192)] {
+        let runs = Runs::of(6, |seed| means(&Settings { method, samples: Some(samples), seed, ..draft() }));
+        for (s, truth) in radiosity.iter().enumerate() {
+            let [off, error] = [runs.mean[s] / truth - 1.0, runs.error[s] / truth];
+            println!("{method:?}, surface {s}: {:+.3} % of {truth:.3}, +- {:.3} %", 100.0 * off, 100.0 * error);
+            // Radiosity has an error of its own; chains tell small surfaces less well, as their runs say themselves.
+            assert!(off.abs() < 0.01_f64.max(3.0 * error), "{method:?}, surface {s}: {off} +- {error}");
+            assert!(error < 0.02, "{method:?}, surface {s}: {error}");
         }
     }
 }
