@@ -176,13 +176,19 @@ fn room_with_shelf() -> Vec<Quad> {
 #[test]
 fn texels_agree_with_radiosity() {
     let quads = room_with_shelf();
-    let radiosity = bake_quads(&quads, 12, &Settings { error: Some(0.5), ..draft() });
-    for method in [Method::Bidirectional, Method::Metropolis] {
-        let walked = bake_quads(&quads, 12, &Settings { method, samples: Some(192), ..draft() });
-        let [a, b] = [&walked, &radiosity].map(|b| surface_means(&b.patches, &b.gathered.irradiance));
-        for (s, (a, b)) in a.iter().zip(&b).enumerate() {
-            println!("{method:?}, surface {s}: {:+.3} % of {b:.3}", 100.0 * (a / b - 1.0));
-            assert!((a / b - 1.0).abs() < 0.01, "{method:?}, surface {s}: {a} against {b}");
+    let means = |settings: &Settings| {
+        let baked = bake_quads(&quads, 12, settings);
+        surface_means(&baked.patches, &baked.gathered.irradiance, |_| true)
+    };
+    let radiosity = means(&Settings { error: Some(0.5), ..draft() });
+    for (method, samples) in [(Method::Bidirectional, 24), (Method::Metropolis, 192)] {
+        let runs = Runs::of(6, |seed| means(&Settings { method, samples: Some(samples), seed, ..draft() }));
+        for (s, truth) in radiosity.iter().enumerate() {
+            let [off, error] = [runs.mean[s] / truth - 1.0, runs.error[s] / truth];
+            println!("{method:?}, surface {s}: {:+.3} % of {truth:.3}, +- {:.3} %", 100.0 * off, 100.0 * error);
+            // Radiosity has an error of its own; chains tell small surfaces less well, as their runs say themselves.
+            assert!(off.abs() < 0.01_f64.max(3.0 * error), "{method:?}, surface {s}: {off} +- {error}");
+            assert!(error < 0.02, "{method:?}, surface {s}: {error}");
         }
     }
 }
@@ -203,26 +209,34 @@ fn every_strategy_lights_texels() {
         Runs::of(12, |seed| {
             let mut both = Bidirectional::new(&world, &texels, None, seed, "").unwrap();
             both.only = Some(Strategy { from_light, from_eye });
-            surface_means(&patches, &passes_of(&mut both, &texels, 48).mean())
+            surface_means(&patches, &passes_of(&mut both, &texels, 48).mean(), |pixel| texels.catches(pixel))
         })
     };
     for places in [2, 3, 4] {
         let drawn = alone(1, places - 1);
         for from_light in (0..=places).filter(|s| *s != 1) {
             let name = format!("{from_light} from the light, {} from texels", places - from_light);
-            assert_agree(&name, &alone(from_light, places - from_light), &drawn, 0.05);
+            let found = alone(from_light, places - from_light);
+            if from_light > 1 && from_light + 1 == places {
+                // Joined to the texel's own place: the square of the distance below leaves no finite variance to tell an error by.
+                let off = found.against(&drawn)[2];
+                println!("{name}: whole {:+.3} %", 100.0 * off);
+                assert!(off.abs() < 0.04, "{name}: {off}");
+            } else {
+                assert_agree(&name, &found, &drawn, 0.05);
+            }
         }
     }
 }
 
-/// Mean irradiance of each surface.
-fn surface_means(patches: &Patches, irradiance: &[Rgb]) -> Vec<f64> {
+/// Mean irradiance of each surface, over the texels that count.
+fn surface_means(patches: &Patches, irradiance: &[Rgb], counts: impl Fn(usize) -> bool) -> Vec<f64> {
     let count = (0..patches.len()).map(|i| patches.surface(i)).max().unwrap() as usize + 1;
     let mut sums = vec![(0.0, 0.0); count];
-    for i in 0..patches.len() {
+    for i in (0..patches.len()).filter(|i| counts(*i)) {
         let (sum, area) = &mut sums[patches.surface(i) as usize];
         *sum += f64::from(luminance(irradiance[i]) * patches.area[i]);
         *area += f64::from(patches.area[i]);
     }
-    sums.iter().map(|(sum, area)| sum / area).collect()
+    sums.iter().map(|(sum, area)| sum / area.max(f64::MIN_POSITIVE)).collect()
 }
