@@ -29,8 +29,8 @@ use crate::post::{Directional, LayerKind, Lightmap};
 use crate::probe::{LightProbes, Surroundings, probes};
 use crate::progress::Progress;
 use crate::reference::{trace, trace_backs};
-use crate::scene::{BakeMode, Scene, Surface};
 use crate::scatter::{Scattering, Surfaces};
+use crate::scene::{BakeMode, Scene, Surface};
 use crate::sensor::Texels;
 use crate::settings::{Gather, Method, Normals, Settings};
 use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
@@ -132,7 +132,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     };
     let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
     let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
-    let sources = layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics };
+    let sources =
+        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
     if settings.directional != Directional::Off {
@@ -333,7 +334,9 @@ fn by_elements(
 /// [`trace`], whose paths tell direct light apart and add up to a balance of energy.
 pub fn needs_walks(scene: &Scene, settings: &Settings) -> bool {
     let is_full = settings.surfaces == Surfaces::Full;
-    let uses = |s: &Surface| scene.meshes[s.mesh].triangle_material.iter().any(|&m| scene.materials[m as usize].appearance.is_some());
+    let uses = |s: &Surface| {
+        scene.meshes[s.mesh].triangle_material.iter().any(|&m| scene.materials[m as usize].appearance.is_some())
+    };
     match settings.method {
         Method::Radiosity => false,
         Method::Path => !scene.media.is_empty() || is_full && scene.surfaces.iter().any(uses),

@@ -147,11 +147,9 @@ fn layer_counts(scene: &Scene, settings: &Settings) -> (usize, usize) {
         LayerKind::LightGroups => (groups(), groups()),
         LayerKind::ShadowMasks => (masked_lights(scene).0.len(), 1),
         LayerKind::Ao | LayerKind::BentNormal | LayerKind::SkyVisibility => (1, 1),
-        LayerKind::Direct
-        | LayerKind::Indirect
-        | LayerKind::Caustics
-        | LayerKind::Error
-        | LayerKind::Emission => (1, 0),
+        LayerKind::Direct | LayerKind::Indirect | LayerKind::Caustics | LayerKind::Error | LayerKind::Emission => {
+            (1, 0)
+        }
     };
     settings.layers.iter().map(count).fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
 }

@@ -93,7 +93,12 @@ pub(super) fn lamps(world: &World, walk: &Walk, t: f32, numbers: &mut impl Numbe
 }
 
 /// The path `walk`, which came to `vertex`, on its way to the next one.
-pub(super) fn leave<'a>(world: &World<'a>, walk: Walk<'a>, vertex: Vertex<'a>, numbers: &mut impl Numbers) -> Option<Walk<'a>> {
+pub(super) fn leave<'a>(
+    world: &World<'a>,
+    walk: Walk<'a>,
+    vertex: Vertex<'a>,
+    numbers: &mut impl Numbers,
+) -> Option<Walk<'a>> {
     let onward = vertex.go_on(Transport::Radiance, numbers)?;
     let mut next = Walk {
         ray: Ray { origin: vertex.origin(world.tracer, onward.direction), direction: onward.direction },
