@@ -252,7 +252,7 @@ fn suggested(message: &str) -> String {
     let Some(nearest) = known.iter().min_by_key(|name| edits(unknown, name)).filter(|_| is_list) else {
         return message.to_string();
     };
-    if edits(unknown, nearest) > (unknown.len() / 3).max(1) {
+    if edits(unknown, nearest) > unknown.len().div_ceil(2).min(3) {
         return message.to_string();
     }
     let what = message.split('`').next().unwrap_or_default();

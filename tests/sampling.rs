@@ -127,6 +127,17 @@ fn what_is_sharp_and_what_is_smooth_of_a_sky_add_up() {
                 .map(|i| f64::from(sky.sharp(&scene, warp_sphere(random(i))).x) * 4.0 * PI / f64::from(SAMPLES * 4))
                 .sum();
             assert!((sum / quadrature - 1.0).abs() < 0.05, "{sum} {quadrature}");
+            for normal in [Vec3::Y, Vec3::X, Vec3::new(-0.6, 0.8, 0.0)] {
+                let mut about = 0.0f64;
+                for i in 0..SAMPLES {
+                    let [u, v] = random(i);
+                    let (d, pdf) = sky.sample_sharp([u, v, 0.5]).unwrap();
+                    about += f64::from(sky.sharp(&scene, d).x * normal.dot(d).max(0.0) / pdf) / f64::from(SAMPLES);
+                }
+                let [known, shown] = sky.sharp_irradiance(normal, normal);
+                assert_eq!(known, shown);
+                assert!((about - f64::from(known.x)).abs() < 0.01 * sum, "{normal}: {about} {known}");
+            }
         }
     }
 }

@@ -5,7 +5,7 @@
 //! the patch looks closely; what grain is left then is taken out ([`Penumbra`]).
 
 use super::Lit;
-use super::direct::{GRAIN, MOST_ROUNDS, MOST_SAMPLES, SHARE, SHARP, at_block};
+use super::direct::{MOST_ROUNDS, MOST_SAMPLES, SHARE, SHARP, at_block};
 use super::penumbra::Penumbra;
 use super::receiver::Arriving;
 use super::shadow::Ballot;
@@ -18,6 +18,11 @@ use std::ops::Range;
 
 /// Samples of an even part of the sky, from a patch that no shadow is near, at most.
 const MOST_EVEN: u32 = 256;
+
+/// Errors of a close look, and of another at what is too sharp to be smoothed, over the error of shadows. Half as large as for lights:
+/// samples over a sky are spread less evenly.
+const FIRST_ERROR: f32 = 1.0;
+const SHARP_ERROR: f32 = 0.5;
 
 /// Looks at the skies of blocks.
 struct Skies<'a> {
@@ -65,7 +70,7 @@ pub(super) fn add_sky(
 impl Skies<'_> {
     /// A few samples from every patch of `count`.
     fn glance(&mut self, count: usize) -> Result<Known> {
-        let error = GRAIN * self.lit.params.shadow_error;
+        let error = FIRST_ERROR * self.lit.params.shadow_error;
         let glance = |(block, around): (&Range<usize>, &f32)| {
             self.progress.check()?;
             self.progress.advance(block.len() as u64);
@@ -110,7 +115,7 @@ impl Skies<'_> {
                 self.progress.advance((count - wanted.len()) as u64);
             }
             let mut next = Vec::new();
-            for (&i, found) in wanted.iter().zip(self.examine(&wanted, GRAIN, round == 0)?) {
+            for (&i, found) in wanted.iter().zip(self.examine(&wanted, FIRST_ERROR, round == 0)?) {
                 known.is_close[i] = true;
                 known.put(i, found);
                 let ballot = found.ballot.or(known.ballots[i]);
@@ -139,7 +144,7 @@ impl Skies<'_> {
             first.settle(&mut known.arriving);
             return Ok(());
         }
-        for (&i, found) in sharp.iter().zip(self.examine(&sharp, 1.0, false)?) {
+        for (&i, found) in sharp.iter().zip(self.examine(&sharp, SHARP_ERROR, false)?) {
             known.put(i, found);
         }
         Penumbra::new(ground, exposure, &known.arriving, &known.variance).settle(&mut known.arriving);

@@ -10,6 +10,7 @@ use crate::sample::Discrete;
 use crate::scene::environment::WRAP;
 use crate::scene::{Environment, Scene, Texture};
 use glam::{Vec2, Vec3};
+use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::{PI, TAU};
 
 /// Cells of the brightness table, at most, along the equator and from pole to pole.
@@ -38,7 +39,21 @@ struct Sharp {
     table: Table,
     /// The share of each cell, row by row.
     share: Vec<f32>,
+    /// All of it, cells that lie together as one.
+    beams: Vec<Beam>,
 }
+
+/// Light from about one direction.
+#[derive(Clone, Copy, Default)]
+struct Beam {
+    /// Illuminance across it [lx].
+    illuminance: Rgb,
+    /// Mean direction, not unit.
+    towards: Vec3,
+}
+
+/// Beams of one picture, at most.
+const MOST_BEAMS: usize = 256;
 
 /// Cells of equal angles, chosen by brightness times solid angle.
 struct Table {
@@ -57,7 +72,7 @@ impl Sky {
         let pictures = environment.each().enumerate();
         let pictures: Vec<Cells> = pictures.filter_map(|(k, sky)| Cells::new(scene, k, sky)).collect();
         let tables: Vec<Table> = pictures.iter().filter_map(Cells::table).collect();
-        let sharp: Vec<Sharp> = pictures.iter().filter_map(Sharp::new).collect();
+        let sharp: Vec<Sharp> = pictures.iter().filter_map(|cells| Sharp::new(scene, environment, cells)).collect();
         let power = |table: &Table| {
             let factor = environment.each().nth(table.sky).map_or(0.0, |sky| luminance(sky.radiance));
             f64::from(factor) * table.rows.total() / f64::from(table.size[0] * table.size[1])
@@ -103,6 +118,20 @@ impl Sky {
         self.sharp.iter().filter_map(of).sum()
     }
 
+    /// What arrives of what is sharp with nothing in its way [lx]: about the geometric normal `normal`, and about `shown` as far as it
+    /// comes from before the former.
+    pub fn sharp_irradiance(&self, normal: Vec3, shown: Vec3) -> [Rgb; 2] {
+        let mut sum = [Rgb::ZERO; 2];
+        for beam in self.sharp.iter().flat_map(|sharp| &sharp.beams) {
+            let cos = normal.dot(beam.towards);
+            if cos > 0.0 {
+                sum[0] += beam.illuminance * cos;
+                sum[1] += beam.illuminance * shown.dot(beam.towards).max(0.0);
+            }
+        }
+        sum
+    }
+
     /// A direction in proportion to the brightness of what is sharp, and its density [1/sr]; the third number chooses among several
     /// pictures.
     pub fn sample_sharp(&self, u: [f32; 3]) -> Option<(Vec3, f32)> {
@@ -137,13 +166,37 @@ impl Sky {
 }
 
 impl Sharp {
-    /// Of the picture in `cells`; `None` where nothing is.
-    fn new(cells: &Cells) -> Option<Self> {
+    /// Of the picture in `cells`, of one of the skies of `environment`; `None` where nothing is.
+    fn new(scene: &Scene, environment: &Environment, cells: &Cells) -> Option<Self> {
         let threshold = cells.threshold();
-        let share = |mean: f64| if mean > threshold { 1.0 - threshold / mean } else { 0.0 };
+        // What is left is as bright as what lies around: its shadows would be as sharp, and the gather can't show them.
+        let share = |mean: f64| if mean > threshold { 1.0 - threshold / (SHARP * mean) } else { 0.0 };
         let table = cells.weighed(|mean| mean * share(mean))?;
-        Some(Self { table, share: cells.mean.iter().map(|mean| share(*mean) as f32).collect() })
+        let share: Vec<f32> = cells.mean.iter().map(|mean| share(*mean) as f32).collect();
+        let beams = beams(scene, environment.each().nth(cells.sky)?, &table, &share);
+        Some(Self { table, share, beams })
     }
+}
+
+/// The light of the shares of cells of the picture of `sky`, cells that lie together in squares as one beam.
+fn beams(scene: &Scene, sky: &Environment, table: &Table, share: &[f32]) -> Vec<Beam> {
+    let columns = table.size[0] as usize;
+    let cells = || share.iter().enumerate().filter(|(_, share)| **share > 0.0);
+    let square = |cell: usize, level: u32| ((cell / columns) >> level, (cell % columns) >> level);
+    let count = |level: u32| cells().map(|(cell, _)| square(cell, level)).collect::<BTreeSet<_>>().len();
+    let level = (0..16).find(|level| count(*level) <= MOST_BEAMS).unwrap_or(16);
+    let mut squares: BTreeMap<(usize, usize), (Rgb, Vec3, f32)> = BTreeMap::new();
+    for (cell, share) in cells() {
+        let (light, towards, weight) = squares.entry(square(cell, level)).or_default();
+        table.each_part(scene, sky, cell, |direction, solid_angle| {
+            let part = sky.own_radiance(scene, direction) * (*share * solid_angle);
+            *light += part;
+            *towards += direction * luminance(part);
+            *weight += luminance(part);
+        });
+    }
+    let beam = |(illuminance, towards, weight): (Rgb, Vec3, f32)| Beam { illuminance, towards: towards / weight };
+    squares.into_values().filter(|square| square.2 > 0.0).map(beam).collect()
 }
 
 /// Mean brightness of a picture by cells of equal angles.
@@ -232,6 +285,23 @@ impl Table {
         probability * (self.size[0] * self.size[1]) as f32 / (TAU * PI * sin)
     }
 
+    /// Calls `add` with directions of the cell number `cell`, and the solid angle of each [sr]: the quarters of the picture's texels,
+    /// over each of which what is looked up changes linearly along both axes.
+    fn each_part(&self, scene: &Scene, sky: &Environment, cell: usize, mut add: impl FnMut(Vec3, f32)) {
+        let Some(picture) = sky.texture.map(|t| &scene.textures[t]) else { return };
+        let (x, y) = ((cell % self.size[0] as usize) as u32, (cell / self.size[0] as usize) as u32);
+        let size = Vec2::new(picture.width as f32, picture.height as f32);
+        let part = TAU * PI / (4.0 * size.element_product());
+        for py in span(y, self.size[1], picture.height) {
+            for px in span(x, self.size[0], picture.width) {
+                for (dx, dy) in QUARTERS {
+                    let uv = Vec2::new(px as f32 + dx, py as f32 + dy) / size;
+                    add(sky.direction(uv), part * (PI * uv.y).sin());
+                }
+            }
+        }
+    }
+
     /// Column and row of the cell that the direction `d` falls into.
     fn place(&self, sky: &Environment, d: Vec3) -> (usize, usize) {
         let uv = sky.uv(d);
@@ -247,16 +317,18 @@ impl Table {
     }
 }
 
+/// Middles of the quarters of a texel.
+const QUARTERS: [(f32, f32); 4] = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)];
+
 /// Mean brightness of a texel's square as it is looked up, that is with its neighbours blended in: beside a small sun that is
 /// far more than the texel itself.
 fn brightness(picture: &Texture, x: u32, y: u32) -> f64 {
     let size = Vec2::new(picture.width as f32, picture.height as f32);
-    let quarters = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)];
     let look_up = |(dx, dy)| {
         let uv = Vec2::new(x as f32 + dx, y as f32 + dy) / size;
         f64::from(luminance(picture.sample(uv, WRAP).truncate()).max(0.0))
     };
-    quarters.into_iter().map(look_up).sum::<f64>() / 4.0
+    QUARTERS.into_iter().map(look_up).sum::<f64>() / 4.0
 }
 
 /// The texels of `n` that make up cell `i` of `cells`.

@@ -1,5 +1,8 @@
 //! Brightness samples of one receiver: of what is sharp of a sky with a picture ([`Sky::sharp`]), and of skies through portals, which
 //! are sampled over the portal as well; both strategies are combined by the power heuristic (Veach, Guibas 1995).
+//!
+//! What arrives of the sky with nothing in its way is known ([`Sky::sharp_irradiance`]): samples tell the share of it that is seen, a ratio
+//! of two sums over them (Cochran 1977, "Sampling Techniques", chapter 6), and there is no noise without a shadow.
 
 use super::emitter::Sight;
 use super::portal::Portal;
@@ -16,6 +19,9 @@ use std::f32::consts::PI;
 
 /// Samples of a glance at each sky, and of a close look at first.
 const FIRST_SAMPLES: u32 = 8;
+
+/// Points whose normals stand for those of a curved receiver.
+const CURVED: u32 = 16;
 
 /// Errors are relative to this share of all that would arrive unoccluded where that is more than what does arrive.
 const IN_THE_DARK: f32 = 0.25;
@@ -58,10 +64,14 @@ enum Source<'a> {
 #[derive(Clone, Copy, Default)]
 struct Tally {
     arriving: Arriving,
-    /// Luminance that would arrive unoccluded, its square, and the part that arrives.
+    /// What would arrive unoccluded about both normals.
+    unoccluded: [Rgb; 2],
+    /// Its luminance, and that of what arrives; squares of both, and their product.
     whole: f64,
-    squares: f64,
     seen: f64,
+    squares: f64,
+    seen_squares: f64,
+    products: f64,
     count: u32,
     /// Samples before the horizon, and the shares of the sky that get through to them, added up.
     facing: u32,
@@ -72,31 +82,43 @@ struct Tally {
 }
 
 impl Tally {
-    /// Standard deviation of a sample [lx]. Directions and places together have too many dimensions for stratification to help.
-    fn deviation(&self, closely: bool) -> f64 {
+    /// Standard deviation of a sample [lx], of the share that is seen alone where the whole `is_known`. Directions and places
+    /// together have too many dimensions for stratification to help.
+    fn deviation(&self, closely: bool, is_known: bool) -> f64 {
         let n = f64::from(self.count.max(1));
         let whole = self.whole / n;
         // Near shadows as if one more had seen it and one more had not: a share of the first samples is never sure.
         let unsure = if closely { 1.0 } else { 0.0 };
+        if is_known {
+            let each = self.whole / f64::from(self.facing.max(1)) * unsure;
+            let (whole, seen) = (self.whole + 2.0 * each, self.seen + each);
+            let share = if whole > 0.0 { seen / whole } else { 0.0 };
+            let (square, product) = (each * each, self.products + each * each);
+            let squares =
+                self.seen_squares + square - 2.0 * share * product + share * share * (self.squares + 2.0 * square);
+            return (squares.max(0.0) / n).sqrt();
+        }
         let p = (self.visible + unsure) / (f64::from(self.facing) + 2.0 * unsure).max(1.0);
         let uneven = (self.squares / n - whole * whole).max(0.0).sqrt();
         ((p * (1.0 - p)).max(0.0).sqrt() * whole).hypot(p * uneven)
     }
 
     /// Samples that bring the standard error down to what `look` asks for.
-    fn wanted(&self, look: SkyLook) -> f32 {
+    fn wanted(&self, look: SkyLook, is_known: bool) -> f32 {
         let n = f64::from(self.count.max(1));
         let around = (f64::from(look.around) + self.seen / n).max(f64::from(IN_THE_DARK) * self.whole / n);
         if around <= 0.0 {
             return 0.0;
         }
-        ((self.deviation(look.closely) / (around * f64::from(look.error))) as f32).powi(2)
+        ((self.deviation(look.closely, is_known) / (around * f64::from(look.error))) as f32).powi(2)
     }
 
     /// A sample that would bring `light` about the geometric and the shading normal from the direction `towards` unoccluded.
     fn add(&mut self, sight: &Sight, point: &SurfacePoint, towards: Vec3, light: [Rgb; 2], shade: Option<u16>) {
         let level = f64::from(luminance(light[0]));
         self.facing += 1;
+        self.unoccluded[0] += light[0];
+        self.unoccluded[1] += light[1];
         self.whole += level;
         self.squares += level * level;
         let mut passing = [Rgb::ONE];
@@ -110,23 +132,32 @@ impl Tally {
         self.blocked |= share < 1.0;
         self.visible += share;
         self.seen += level * share;
+        self.seen_squares += (level * share).powi(2);
+        self.products += level * level * share;
         self.arriving.transport += light[0] * passing[0];
-        self.arriving.other += light[0] * passing[0];
         self.arriving.shown += light[1] * passing[0];
     }
 
-    /// Adds the mean of the samples to `found`, as what sky number `number` brings.
-    fn arrive(&self, number: usize, closely: bool, found: &mut SkyFound) {
-        let share = 1.0 / self.count.max(1) as f32;
+    /// Adds the mean of the samples to `found`, as what sky number `number` brings; the seen share of the `whole`, where that is known.
+    fn arrive(&self, number: usize, closely: bool, whole: Option<[Rgb; 2]>, found: &mut SkyFound) {
+        let mean = 1.0 / self.count.max(1) as f32;
+        let of = |k: usize, seen: Rgb| match whole {
+            Some(whole) => {
+                let is_known = self.unoccluded[k].cmpgt(Rgb::ZERO);
+                Rgb::select(is_known, whole[k] * seen / self.unoccluded[k], Rgb::ZERO)
+            }
+            None => seen * mean,
+        };
+        let transport = of(0, self.arriving.transport);
         let sum = &mut found.arriving;
-        sum.transport += self.arriving.transport * share;
-        sum.other += self.arriving.other * share;
-        sum.shown += self.arriving.shown * share;
+        sum.transport += transport;
+        sum.other += transport;
+        sum.shown += of(1, self.arriving.shown);
         sum.rays += self.arriving.rays;
         let bit = 1 << number.min(31);
         let bit_if = |is_so: bool| if is_so { bit } else { 0 };
         found.ballot = found.ballot.or(Ballot { seen: bit_if(self.passed), blocked: bit_if(self.blocked) });
-        found.variance += (self.deviation(closely).powi(2) / f64::from(self.count.max(1))) as f32;
+        found.variance += (self.deviation(closely, whole.is_some()).powi(2) / f64::from(self.count.max(1))) as f32;
     }
 }
 
@@ -136,6 +167,10 @@ pub(super) fn look(sight: &Sight, receiver: &Receiver, look: SkyLook) -> SkyFoun
     let sharp = sight.lights.sky.iter().filter(|sky| sky.is_sharp()).map(Source::Sharp);
     let portals = sight.lights.portals.iter().enumerate().map(|(k, portal)| Source::Portal(k, portal));
     for (number, source) in sharp.chain(portals).enumerate() {
+        let whole = source.unoccluded(sight, receiver);
+        if whole == Some([Rgb::ZERO; 2]) {
+            continue;
+        }
         let mut tally = Tally::default();
         let mut count = FIRST_SAMPLES.min(look.most_samples);
         while count > tally.count {
@@ -144,10 +179,10 @@ pub(super) fn look(sight: &Sight, receiver: &Receiver, look: SkyLook) -> SkyFoun
             }
             tally.count = count;
             // The points of a whole power of two are spread most evenly.
-            let wanted = tally.wanted(look).min(look.most_samples as f32) as u32;
+            let wanted = tally.wanted(look, whole.is_some()).min(look.most_samples as f32) as u32;
             count = if wanted > count { wanted.next_power_of_two().min(look.most_samples) } else { count };
         }
-        tally.arrive(number, look.closely, &mut found);
+        tally.arrive(number, look.closely, whole, &mut found);
     }
     found
 }
@@ -170,6 +205,26 @@ pub(super) fn smooth_glimpse(sight: &Sight, receiver: &Receiver, index: u32) -> 
 }
 
 impl Source<'_> {
+    /// What would arrive with nothing in its way [lx], about the geometric and the shading normal, where it is known.
+    fn unoccluded(&self, sight: &Sight, receiver: &Receiver) -> Option<[Rgb; 2]> {
+        let Self::Sharp(sky) = self else { return None };
+        let point = |index: u32| {
+            let [x, y, ..] = receiver.sequence.point(index, 60);
+            let point = (receiver.sample)([x, y]);
+            (point.normal, if sight.params.shading_normals { point.shading } else { point.normal })
+        };
+        let first = point(0);
+        // What is flat has one normal, and what is curved many.
+        let count = if (1..4).all(|index| point(index) == first) { 1 } else { CURVED };
+        let mut mean = [Rgb::ZERO; 2];
+        for index in 0..count {
+            let (normal, shading) = point(index);
+            let whole = sky.sharp_irradiance(normal, shading);
+            mean = [mean[0] + whole[0] / count as f32, mean[1] + whole[1] / count as f32];
+        }
+        Some(mean)
+    }
+
     /// Adds sample number `index` to `tally`.
     fn sample(&self, sight: &Sight, receiver: &Receiver, index: u32, tally: &mut Tally) {
         match self {
