@@ -387,7 +387,7 @@ mod tests {
         keys.extend(
             typed(
                 "--density 2 --page-size 512 --pages free --environment e.hdr --method path --link-error 1e-6 --samples 64 \
-                   --error 2% --time-budget 5 --time 1.5 --animation walk --mesh adaptive --vertex-error 3% --max-triangles 9",
+                   --error 2% --time-budget 5 --surfaces diffuse --time 1.5 --animation walk --mesh adaptive --vertex-error 3% --max-triangles 9",
             )
             .keys()
             .cloned(),

@@ -436,7 +436,6 @@ fn an_error_or_time_that_cannot_be_had_is_refused() {
         (&["--error", "2%", "--method", "path"], "--error"),
         (&["--time-budget", "0"], "0.1 to 1000000"),
         (&["--time-budget", "5", "--gather", "final"], "--time-budget"),
-        (&["--time-budget", "5", "--method", "path"], "--time-budget"),
         (&["--gather", "blocks", "--solver", "jacobi"], "--gather"),
         (&["--gather", "blocks", "--form-factors", "hemicube"], "--gather"),
         (&["--gather", "blocks", "--samples", "16"], "--gather"),
