@@ -62,7 +62,7 @@ mod tests {
         let rgb = [Rgb::splat(50.0), Rgb::splat(200.0)];
         let tone = Tone::of(&rgb, 0.0);
         assert!((tone.exposure * 100.0 - 0.18).abs() < 1e-5);
-        assert_eq!(tone.map(Rgb::splat(1e9)), Rgb::ONE);
+        assert!((tone.map(Rgb::splat(1e9)) - Rgb::ONE).abs().max_element() < 1e-5);
         assert_eq!(tone.map(Rgb::ZERO), Rgb::ZERO);
         assert!((Tone { exposure: 1.0 }.map(Rgb::splat(4.0)).x - 1.0).abs() < 1e-5);
         let [dark, bright] = rgb.map(|c| tone.map(c).x);
