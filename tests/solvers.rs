@@ -265,8 +265,8 @@ fn bad_settings_are_refused_with_what_is_allowed() {
         (Settings { layers: vec![LayerKind::Direct; 2], ..base.clone() }, "twice"),
         (Settings { layers: vec![LayerKind::Error], gather: Gather::None, ..base.clone() }, "error"),
         (Settings { layers: vec![LayerKind::Bounces], iterations: Some(3), ..base.clone() }, "iterations"),
-        (Settings { method: Method::Path, gather: Gather::None, ..base.clone() }, "method path"),
-        (Settings { method: Method::Path, samples: Some(4), ..base.clone() }, "8 to 65536"),
+        (Settings { method: Method::Path, gather: Gather::None, ..base.clone() }, "methods that follow rays"),
+        (Settings { method: Method::Path, samples: Some(0), ..base.clone() }, "1 to 65536"),
     ] {
         let e = complaint(settings);
         assert!(e.contains(said), "{e:?} does not say {said:?}");
