@@ -43,8 +43,8 @@ class Size:
     reference: int
 
 
-FULL = Size((120, 90), 32, 768)
-LIGHT = Size((32, 24), 16, 64)
+FULL = Size((200, 150), 32, 2048)
+LIGHT = Size((24, 18), 16, 64)
 SEEDS = 2
 
 
