@@ -357,6 +357,7 @@ impl Settings {
             first_samples,
             shadow_error,
             cluster_samples: preset.cluster_samples,
+            time: self.time_budget,
             shading_normals: self.normals == Normals::Shading,
             moments: self.directional != Directional::Off,
             seed: self.seed,

@@ -102,6 +102,19 @@ fn energy_balances_at_every_quality() {
     assert_none(wrong.into_iter());
 }
 
+#[test]
+fn slivers_beside_large_surfaces_get_their_light() {
+    // Their area is lost in sums over that of all, and what blocks are short of must not be told by it.
+    let floor = Quad::new([-500., 0., -500.], [0., 0., 1000.], [1000., 0., 0.]).albedo(0.0);
+    let sliver = Quad::new([0., 1., 0.], [0., 0., 1e-4], [1e-4, 0., 0.]).albedo(0.0);
+    let case = Case::of_quads("sliver", &[floor, sliver], 24).sky(1.0);
+    let baked = case.bake(&at(Quality::Medium));
+    for (i, e) in baked.gathered.irradiance.iter().enumerate() {
+        assert!((e.x / PI - 1.0).abs() < 0.05, "surface {}: {e}", baked.patches.surface(i));
+    }
+    assert!(baked.energy.imbalance.abs() < 0.005, "{}", baked.energy.imbalance);
+}
+
 /// Most of the mean by which bakes at 2 % may be off.
 const BIAS: f64 = 0.005;
 

@@ -84,6 +84,9 @@ impl Block {
     }
 }
 
+/// A texel's area is taken as this share of that of all at least: it would be lost in sums.
+const LEAST_AREA: f64 = 1e-13;
+
 impl Blocks {
     /// The coarsest blocks.
     pub fn new(lit: &Lit) -> Self {
@@ -95,12 +98,15 @@ impl Blocks {
         order.par_sort_unstable_by_key(|&i| (region[i as usize], i));
         let fronts = order.len();
         order.extend((0..n).filter(|&i| has_back(lit, i as usize)));
+        let area = |(k, &i): (usize, &u32)| {
+            let i = i as usize;
+            f64::from(if k < fronts { lit.exposure.area[i] } else { lit.exposure.back_area(patches, i) })
+        };
+        let least = LEAST_AREA * order.iter().enumerate().map(area).sum::<f64>();
         let mut area_before = Vec::with_capacity(order.len() + 1);
         area_before.push(0.0);
-        for (k, &i) in order.iter().enumerate() {
-            let i = i as usize;
-            let area = if k < fronts { lit.exposure.area[i] } else { lit.exposure.back_area(patches, i) };
-            area_before.push(area_before[k] + f64::from(area));
+        for member in order.iter().enumerate() {
+            area_before.push(area_before[member.0] + area(member).max(least));
         }
         let none = vec![NONE; patches.len()];
         let mut blocks = Self { list: Vec::new(), order, area_before, front_of: none.clone(), back_of: none };

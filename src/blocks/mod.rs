@@ -357,9 +357,12 @@ fn kept_means(field: &Field, responses: Vec<Response>, normal: &(dyn Fn(usize) -
     let blocks = &field.blocks;
     let mut lost: Vec<Values> = responses.iter().zip(&blocks.list).map(|(r, b)| r.at(b.normal)).collect();
     let own = lost.clone();
+    let area = &field.lit.exposure.area;
+    let whole = |b: usize| blocks.members(b).iter().map(|&i| area[i as usize]).sum::<f32>().max(f32::MIN_POSITIVE);
+    let whole: Vec<f32> = (0..own.len()).map(whole).collect();
     show(field.lit, blocks, &field.around, &responses, normal, |i, values| {
         let b = blocks.front_of[i] as usize;
-        let share = field.lit.exposure.area[i] / blocks.list[b].area.max(f32::MIN_POSITIVE);
+        let share = area[i] / whole[b];
         lost[b].iter_mut().zip(values).for_each(|(lost, value)| *lost -= share * value);
     });
     let keep = |((response, own), lost): ((Response, &Values), &Values)| {

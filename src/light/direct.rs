@@ -35,11 +35,21 @@ pub struct DirectParams {
     pub shadow_error: f32,
     /// Shadow samples shared among the clusters of a cut through many polygons, and of each polygon whose light varies. At least 1.
     pub cluster_samples: u32,
+    /// Time that the whole bake may take [s]; none: as long as it needs. Past half of it shadows are looked at with few samples.
+    pub time: Option<f64>,
     /// Whether irradiance is shown about the interpolated normal.
     pub shading_normals: bool,
     /// Whether stages find where their light comes from ([`crate::moments`]), too.
     pub moments: bool,
     pub seed: u32,
+}
+
+impl DirectParams {
+    /// Samples of a close look at a light, at most.
+    pub(super) fn most_samples(&self, progress: &dyn Progress) -> u32 {
+        let is_late = |time: f64| progress.elapsed().as_secs_f64() > LATE * time;
+        if self.time.is_some_and(is_late) { LATE_SAMPLES } else { MOST_SAMPLES }
+    }
 }
 
 /// Irradiance straight from lights [lx], one a patch. Of the sky only what is sharp is in it ([`Sky::sharp`](super::Sky::sharp)).
@@ -62,7 +72,10 @@ pub(super) const SHARE: usize = 8;
 /// Blocks that are glanced at before what was seen is put away.
 const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
-pub(super) const MOST_SAMPLES: u32 = 1024;
+const MOST_SAMPLES: u32 = 1024;
+/// The same past this share of the time that there is.
+const LATE: f64 = 0.5;
+const LATE_SAMPLES: u32 = 16;
 /// The same from one of the several receivers of a surface that no texel shows.
 pub(super) const MOST_ARRIVING: u32 = 64;
 /// What neighbours take out of it, noise may be more at first.
@@ -241,12 +254,13 @@ impl Close<'_> {
             .with_max_len(SHARE)
             .map(|(b, wanted)| {
                 self.progress.check()?;
+                let most_samples = self.lit.params.most_samples(self.progress);
                 let (members, bits): (Vec<usize>, Vec<u32>) = wanted.iter().copied().unzip();
                 Ok(at_block(self.lit, &self.blocks[b], &members, |sight, emitters, sites| {
                     let mut volley = Volley::default();
                     let look = |(site, bits): (&Site, &u32)| {
                         let (closely, around) = (*bits, self.around[b]);
-                        let look = Look { closely, around, error, most_samples: MOST_SAMPLES, evenly };
+                        let look = Look { closely, around, error, most_samples, evenly };
                         examine(sight, emitters, site, look, &mut volley)
                     };
                     sites.iter().zip(&bits).map(look).collect()

@@ -5,7 +5,7 @@
 //! the patch looks closely; what grain is left then is taken out ([`Penumbra`]).
 
 use super::Lit;
-use super::direct::{MOST_ROUNDS, MOST_SAMPLES, SHARE, SHARP, at_block};
+use super::direct::{GRAIN, MOST_ROUNDS, SHARE, SHARP, at_block};
 use super::penumbra::Penumbra;
 use super::receiver::Arriving;
 use super::shadow::Ballot;
@@ -18,11 +18,6 @@ use std::ops::Range;
 
 /// Samples of an even part of the sky, from a patch that no shadow is near, at most.
 const MOST_EVEN: u32 = 256;
-
-/// Errors of a close look, and of another at what is too sharp to be smoothed, over the error of shadows. Half as large as for lights:
-/// samples over a sky are spread less evenly.
-const FIRST_ERROR: f32 = 1.0;
-const SHARP_ERROR: f32 = 0.5;
 
 /// Looks at the skies of blocks.
 struct Skies<'a> {
@@ -70,7 +65,7 @@ pub(super) fn add_sky(
 impl Skies<'_> {
     /// A few samples from every patch of `count`.
     fn glance(&mut self, count: usize) -> Result<Known> {
-        let error = FIRST_ERROR * self.lit.params.shadow_error;
+        let error = GRAIN * self.lit.params.shadow_error;
         let glance = |(block, around): (&Range<usize>, &f32)| {
             self.progress.check()?;
             self.progress.advance(block.len() as u64);
@@ -115,7 +110,7 @@ impl Skies<'_> {
                 self.progress.advance((count - wanted.len()) as u64);
             }
             let mut next = Vec::new();
-            for (&i, found) in wanted.iter().zip(self.examine(&wanted, FIRST_ERROR, round == 0)?) {
+            for (&i, found) in wanted.iter().zip(self.examine(&wanted, GRAIN, round == 0)?) {
                 known.is_close[i] = true;
                 known.put(i, found);
                 let ballot = found.ballot.or(known.ballots[i]);
@@ -144,7 +139,7 @@ impl Skies<'_> {
             first.settle(&mut known.arriving);
             return Ok(());
         }
-        for (&i, found) in sharp.iter().zip(self.examine(&sharp, SHARP_ERROR, false)?) {
+        for (&i, found) in sharp.iter().zip(self.examine(&sharp, 1.0, false)?) {
             known.put(i, found);
         }
         Penumbra::new(ground, exposure, &known.arriving, &known.variance).settle(&mut known.arriving);
@@ -164,7 +159,8 @@ impl Skies<'_> {
             .with_max_len(SHARE)
             .map(|(b, members)| {
                 self.progress.check()?;
-                let close = SkyLook { closely: true, around: self.around[b], error, most_samples: MOST_SAMPLES };
+                let most_samples = self.lit.params.most_samples(self.progress);
+                let close = SkyLook { closely: true, around: self.around[b], error, most_samples };
                 let found = at_block(self.lit, &self.blocks[b], members, |sight, _, sites| {
                     sites.iter().map(|site| look(sight, site.receiver, close)).collect()
                 });
