@@ -245,7 +245,7 @@ impl Found {
 fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
     let keep = settings.layers.contains(&LayerKind::LightGroups);
     let mut apart = direct_apart(lit, parts, keep, progress)?;
-    let caustics = caustics_of(lit, parts, &mut apart, settings, progress)?;
+    let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, each } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
     let sources: Vec<Source> = parts.iter().zip(&each).map(|(part, direct)| source(part, direct)).collect();
@@ -257,17 +257,6 @@ fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progre
     let groups = light_groups(parts, &each, std::mem::take(&mut gathered.groups));
     let (elements, solution) = (Elements::default(), Solution::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: Some(exchanged), groups, left_out, caustics })
-}
-
-/// Adds light over mirrors and glass where it is asked for.
-fn caustics_of(
-    lit: &Lit,
-    parts: &[Part],
-    apart: &mut Apart,
-    settings: &Settings,
-    progress: &dyn Progress,
-) -> Result<Vec<Rgb>> {
-    if settings.caustics { caustics::add(lit, parts, apart, settings, progress) } else { Ok(Vec::new()) }
 }
 
 fn source<'a>(part: &'a Part, direct: &'a Direct) -> Source<'a> {
@@ -303,7 +292,7 @@ fn by_elements(
         full_matrix::refuse_too_many(elements.len())?;
     }
     let mut apart = direct_apart(lit, parts, false, progress)?;
-    let caustics = caustics_of(lit, parts, &mut apart, settings, progress)?;
+    let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, .. } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
 

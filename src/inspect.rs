@@ -198,7 +198,7 @@ pub fn inspect(loaded: &Loaded, settings: &Settings) -> Inspection {
         lights: scene.lights.iter().map(|light| light::light_info(scene, light)).collect(),
         environment: scene.environment.iter().flat_map(Environment::each).map(|e| environment_info(scene, e)).collect(),
         has_light: scene.has_light(),
-        bounds: bounds(scene).map(|p| p.to_array()),
+        bounds: scene.bounds().unwrap_or([Vec3::INFINITY, Vec3::NEG_INFINITY]).map(|p| p.to_array()),
         triangles: scene.triangle_count(),
         area,
         emissive_area: surfaces.iter().map(|s| s.emissive_area).sum(),
@@ -369,17 +369,6 @@ fn mean_emission(scene: &Scene, mesh: &Mesh, triangle: usize, material: &Materia
         Some(sum / count)
     };
     factor * material.emission_texture.as_ref().and_then(textured).unwrap_or(Rgb::ONE).max(Rgb::ZERO)
-}
-
-/// Corners of the box around all surfaces [m].
-fn bounds(scene: &Scene) -> [Vec3; 2] {
-    let corners = (0..scene.surfaces.len()).into_par_iter().map(|i| {
-        let count = scene.meshes[scene.surfaces[i].mesh].triangles.len();
-        let points = (0..count).flat_map(|t| scene.world_triangle(i, t));
-        points.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
-    });
-    let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-    corners.reduce(|| [Vec3::INFINITY, Vec3::NEG_INFINITY], join)
 }
 
 fn environment_info(scene: &Scene, sky: &Environment) -> EnvironmentInfo {

@@ -162,7 +162,7 @@ fn choose(loaded: &Loaded, choice: &CameraChoice) -> Result<Camera> {
             Error::invalid("--camera", "looks nowhere: give two places, and an angle of more than 0 and less than 180")
         }),
         CameraChoice::First => scene.cameras.first().cloned().ok_or_else(|| {
-            let [low, high] = extent(scene);
+            let [low, high] = scene.bounds().unwrap_or_default();
             let message = format!(
                 "the scene has no camera; give one with --camera X,Y,Z,TARGET_X,TARGET_Y,TARGET_Z,ANGLE (the scene reaches from \
                  {low:.2} to {high:.2} m, Y up)"
@@ -180,18 +180,6 @@ fn choose(loaded: &Loaded, choice: &CameraChoice) -> Result<Camera> {
             })
         }
     }
-}
-
-/// The corners of the box around all surfaces.
-fn extent(scene: &Scene) -> [Vec3; 2] {
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for surface in &scene.surfaces {
-        for position in &scene.meshes[surface.mesh].positions {
-            let p = surface.world_from_local.transform_point3(*position);
-            (low, high) = (low.min(p), high.max(p));
-        }
-    }
-    [low, high]
 }
 
 /// Width and height [pixels].

@@ -14,7 +14,7 @@ use lumel::scene::{Environment, Light, LightShape, Scene};
 use lumel::sensor::{Sensor, Texels, View};
 use lumel::settings::{Method, Settings};
 use support::{Quad, atlas, bake_quads, draft, room, scene};
-use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, passes_of, view};
+use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, furnace, passes_of, view};
 
 /// Runs of `way` on `scene` through the view, 16 x 16 pixels in blocks of 4.
 fn runs(scene: Scene, view: &View, way: Way, passes: u32, bounces: Option<u32>) -> Runs {
@@ -31,11 +31,7 @@ fn assert_agree(name: &str, a: &Runs, b: &Runs, most: f64) {
 
 #[test]
 fn a_furnace_is_even() {
-    // Everything emits 1 nit and reflects half.
-    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
-    let prepared = Prepared::new(scene(&quads));
-    let camera = lumel::scene::Camera::look_at(Vec3::new(1.0, 0.5, 2.5), Vec3::new(1.0, 0.4, 0.0), 1.0).unwrap();
-    let view = View::new(camera, 16, 16);
+    let (prepared, view) = furnace();
     let film = film(Way::Bidirectional, &prepared.world(), &view, 64, None, 0);
     let mean = blocks(&film.mean(), 16, 16)[0];
     println!("{mean}");

@@ -3,19 +3,13 @@
 mod support;
 mod walks;
 
-use glam::Vec3;
 use lumel::integrate::bidirectional::Bidirectional;
 use lumel::integrate::metropolis::Metropolis;
-use lumel::sensor::View;
-use support::{Quad, room, scene};
-use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, passes_of, view};
+use walks::{Prepared, Runs, Standing, Way, blocks, cornell, film, furnace, passes_of, view};
 
 #[test]
 fn a_furnace_is_even() {
-    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
-    let prepared = Prepared::new(scene(&quads));
-    let camera = lumel::scene::Camera::look_at(Vec3::new(1.0, 0.5, 2.5), Vec3::new(1.0, 0.4, 0.0), 1.0).unwrap();
-    let view = View::new(camera, 16, 16);
+    let (prepared, view) = furnace();
     let film = film(Way::Metropolis, &prepared.world(), &view, 64, None, 0);
     let values = film.mean();
     let mean = blocks(&values, 16, 16)[0];

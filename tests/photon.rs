@@ -213,13 +213,12 @@ fn light_under_a_point_is_as_on_paper_in_air_and_fog() {
         }
         with_texels(&scene, &atlas(1, 16), |world, texels| {
             let film = photons(world, texels, PhotonParams { photons: Some(1000), ..PhotonParams::default() }, 16);
-            let values = film.mean();
-            for i in 0..values.len() {
-                let way = position - texels.ground.patches.position[i];
+            for (value, at) in film.mean().iter().zip(&texels.ground.patches.position) {
+                let way = position - *at;
                 let t = way.length();
                 let expected = 100.0 * way.y / t.powi(3) * (-sigma * t).exp();
-                let off = values[i].x / expected - 1.0;
-                assert!(off.abs() < 0.02, "sigma {sigma}: {} of {expected}", values[i].x);
+                let off = value.x / expected - 1.0;
+                assert!(off.abs() < 0.02, "sigma {sigma}: {} of {expected}", value.x);
             }
         });
     }

@@ -97,7 +97,8 @@ fn directions_follow_their_densities() {
 #[test]
 fn what_is_sharp_and_what_is_smooth_of_a_sky_add_up() {
     // An even sky with a lamp; one with a lamp alone; an even one.
-    let skies: [(&dyn Fn(u32, u32) -> f32, bool, f32); 3] = [
+    type Brightness<'a> = &'a dyn Fn(u32, u32) -> f32;
+    let skies: [(Brightness, bool, f32); 3] = [
         (&|x, y| if (8..10).contains(&x) && (10..12).contains(&y) { 300.0 } else { 0.5 + 0.01 * y as f32 }, true, 4.0),
         (&|x, y| if (8..10).contains(&x) && (10..12).contains(&y) { 300.0 } else { 0.0 }, true, 0.0),
         (&|x, _| 1.0 + (x % 3) as f32, false, 4.0),

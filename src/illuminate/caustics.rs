@@ -20,7 +20,8 @@ const PHOTONS_A_TEXEL: u64 = 64;
 const LEAST_PHOTONS: u64 = 1 << 20;
 const MOST_PHOTONS: u64 = 1 << 24;
 
-/// Adds what comes over mirrors and glass to the direct light `apart`, each part's to its own; returns what of it is shown [lx], by patch.
+/// Adds what comes over mirrors and glass to the direct light `apart`, each part's to its own, where that is asked for;
+/// returns what of it is shown [lx], by patch, else nothing.
 ///
 /// # Errors
 /// `Unsupported` where a light sends out no photons; `Cancelled`.
@@ -31,6 +32,9 @@ pub fn add(
     settings: &Settings,
     progress: &dyn Progress,
 ) -> Result<Vec<Rgb>> {
+    if !settings.caustics {
+        return Ok(Vec::new());
+    }
     progress.begin("caustics", 0);
     let count = lit.ground.patches.len();
     let mut shown = vec![Rgb::ZERO; count];

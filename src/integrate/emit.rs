@@ -4,8 +4,9 @@
 
 use super::world::World;
 use crate::color::{Rgb, luminance};
+use crate::light::delta::{range_share, spot_share};
 use crate::light::polygon::{Polygon, ball};
-use crate::sample::warp::{cap, cap_pdf, cosine_hemisphere, cosine_hemisphere_pdf, disc, frame};
+use crate::sample::warp::{SPHERE_PDF, cap, cap_pdf, cosine_hemisphere, cosine_hemisphere_pdf, disc, frame, sphere};
 use crate::sample::{Discrete, Numbers};
 use crate::scene::{LightShape, Scene};
 use glam::Vec3;
@@ -15,6 +16,8 @@ use std::f32::consts::{PI, TAU};
 pub struct Sources {
     each: Vec<Source>,
     choice: Option<Discrete>,
+    /// How many of them are polygons, which come first; delta lights follow, and the sky.
+    polygons: usize,
     /// A ball around all that is lit: middle and radius [m].
     bounds: (Vec3, f32),
 }
@@ -56,12 +59,13 @@ pub struct Emitted {
 impl Sources {
     /// Prepares what `world` holds.
     pub fn new(world: &World) -> Self {
-        let bounds = bounds(world.scene);
-        let mut each: Vec<Source> = (0..world.lights.polygons.polygons.len()).map(Source::Polygon).collect();
+        let bounds = ball_around(world.scene);
+        let polygons = world.lights.polygons.polygons.len();
+        let mut each: Vec<Source> = (0..polygons).map(Source::Polygon).collect();
         each.extend((0..world.lights.delta.len()).map(Source::Delta));
         each.extend(world.lights.sky.is_some().then_some(Source::Sky));
         let power = |source: &Source| f64::from(power(world, *source, bounds.1));
-        Self { choice: Discrete::new(each.iter().map(power)), each, bounds }
+        Self { choice: Discrete::new(each.iter().map(power)), each, polygons, bounds }
     }
 
     /// True where nothing sets out.
@@ -77,10 +81,9 @@ impl Sources {
     /// The chance that `source` is chosen.
     pub fn chance(&self, source: Source) -> f32 {
         let Some(choice) = &self.choice else { return 0.0 };
-        let polygons = self.each.iter().take_while(|s| matches!(s, Source::Polygon(_))).count();
         let index = match source {
             Source::Polygon(number) => number,
-            Source::Delta(number) => polygons + number,
+            Source::Delta(number) => self.polygons + number,
             Source::Sky => self.each.len() - 1,
         };
         choice.pdf(index) as f32
@@ -95,10 +98,10 @@ impl Sources {
         match source {
             Source::Polygon(number) => {
                 let polygon = &world.lights.polygons.polygons[number];
-                from_polygon(world.scene, polygon, source, chance, at, towards)
+                of_polygon(world.scene, polygon, source, chance, at, towards)
             }
-            Source::Delta(number) => self.from_delta(world, number, chance, at, towards),
-            Source::Sky => self.from_sky(world, chance, at, towards),
+            Source::Delta(number) => self.of_delta(world, number, chance, at, towards),
+            Source::Sky => self.of_sky(world, chance, at, towards),
         }
     }
 
@@ -111,43 +114,35 @@ impl Sources {
     /// Density [1/sr] with which light from beyond, of the sky, comes from the unit vector `from`.
     pub fn sky_pdf(world: &World, from: Vec3) -> f32 {
         match &world.lights.sky {
-            Some(sky) if sky.has_picture() => 0.5 * sky.pdf(from) + 0.5 * (2.0 * TAU).recip(),
-            Some(_) => (2.0 * TAU).recip(),
+            Some(sky) if sky.has_picture() => 0.5 * (sky.pdf(from) + SPHERE_PDF),
+            Some(_) => SPHERE_PDF,
             None => 0.0,
         }
     }
 
-    /// What is left of `emitted` at `position`: points and spots may have a range (KHR_lights_punctual).
-    pub fn window(&self, world: &World, emitted: &Emitted, position: Vec3) -> f32 {
-        let Source::Delta(number) = emitted.source else { return 1.0 };
-        let (LightShape::Point { range, .. } | LightShape::Spot { range, .. }) = world.lights.delta[number].shape()
-        else {
-            return 1.0;
-        };
-        let distance = emitted.position.distance(position);
-        range.filter(|r| *r > 0.0).map_or(1.0, |r| (1.0 - (distance / r).powi(4)).clamp(0.0, 1.0))
+    /// The share of the light of `source` that is left at `distance` [m]: points and spots may have a range.
+    pub fn window(world: &World, source: Source, distance: f32) -> f32 {
+        let Source::Delta(number) = source else { return 1.0 };
+        match world.lights.delta[number].shape() {
+            LightShape::Point { range, .. } | LightShape::Spot { range, .. } => range_share(distance, *range),
+            _ => 1.0,
+        }
     }
 
-    fn from_sky(&self, world: &World, chance: f32, at: [f32; 2], u: [f32; 3]) -> Option<Emitted> {
+    fn of_sky(&self, world: &World, chance: f32, at: [f32; 2], u: [f32; 3]) -> Option<Emitted> {
         let sky = world.lights.sky.as_ref()?;
         // Half by brightness, half evenly: what a table calls dark may not be.
-        let evenly = |u: f32, v: f32| {
-            let z = 1.0 - 2.0 * u;
-            let (sin, cos) = (TAU * v).sin_cos();
-            let r = (1.0 - z * z).max(0.0).sqrt();
-            Vec3::new(r * cos, r * sin, z)
-        };
-        let from = match (sky.has_picture(), u[2] < 0.5) {
-            (true, true) => sky.sample([u[0], u[1], 2.0 * u[2]])?.0,
-            (true, false) | (false, _) => evenly(u[0], u[1]),
+        let from = match sky.has_picture() && u[2] < 0.5 {
+            true => sky.sample([u[0], u[1], 2.0 * u[2]])?.0,
+            false => sphere([u[0], u[1]]),
         };
         let direction_pdf = Self::sky_pdf(world, from);
         let radiance = sky.radiance(world.scene, from);
-        self.from_beyond(Source::Sky, -from, radiance / direction_pdf, chance, direction_pdf, at)
+        self.across(Source::Sky, -from, radiance / direction_pdf, chance, direction_pdf, at)
     }
 
     /// Light along `direction` over the scene's disc, `sent` [lx] across it.
-    fn from_beyond(
+    fn across(
         &self,
         source: Source,
         direction: Vec3,
@@ -175,75 +170,84 @@ impl Sources {
         })
     }
 
-    fn from_delta(&self, world: &World, number: usize, chance: f32, at: [f32; 2], u: [f32; 3]) -> Option<Emitted> {
+    fn of_delta(&self, world: &World, number: usize, chance: f32, at: [f32; 2], u: [f32; 3]) -> Option<Emitted> {
         let delta = &world.lights.delta[number];
-        let light = &world.scene.lights[delta.number()];
         let source = Source::Delta(number);
-        let point = |position: Vec3, direction: Vec3, intensity: Rgb, direction_pdf: f32| Emitted {
-            source,
-            position,
-            normal: direction,
-            direction,
-            flux: intensity * light.factor(world.scene, position, direction) / (chance * direction_pdf),
-            place_pdf: chance,
-            direction_pdf,
-            is_point: true,
-            is_beyond: false,
-            is_parallel: false,
-        };
-        let emitted = match delta.shape() {
+        let v = [u[0], u[1]];
+        match delta.shape() {
             LightShape::Point { position, intensity, .. } => {
-                let z = 1.0 - 2.0 * u[0];
-                let (sin, cos) = (TAU * u[1]).sin_cos();
-                let r = (1.0 - z * z).max(0.0).sqrt();
-                point(*position, Vec3::new(r * cos, r * sin, z), *intensity, (2.0 * TAU).recip())
+                of_point(world, source, *position, sphere(v), *intensity, (chance, SPHERE_PDF))
             }
             LightShape::Spot { position, direction, intensity, inner, outer, .. } => {
-                let cos_outer = outer.cos();
-                let towards = frame(*direction) * cap([u[0], u[1]], cos_outer);
-                let (cos, cos_inner) = (direction.dot(towards), inner.cos());
-                let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
-                point(*position, towards, *intensity * ramp * ramp, cap_pdf(cos_outer))
+                let towards = frame(*direction) * cap(v, outer.cos());
+                let intensity = *intensity * spot_share(direction.dot(towards), *inner, *outer);
+                of_point(world, source, *position, towards, intensity, (chance, cap_pdf(outer.cos())))
             }
             LightShape::Directional { direction, illuminance, angle } if *angle <= 0.0 => {
-                return self.from_beyond(source, *direction, *illuminance, chance, 1.0, at);
+                self.across(source, *direction, *illuminance, chance, 1.0, at)
             }
-            LightShape::Directional { direction, illuminance, angle } => {
-                let half = 0.5 * angle.min(PI);
-                let towards = frame(*direction) * cap([u[0], u[1]], half.cos());
-                let radiance = *illuminance / (PI * half.sin().powi(2));
-                let pdf = cap_pdf(half.cos());
-                return self.from_beyond(source, towards, radiance / pdf, chance, pdf, at);
+            LightShape::Directional { direction, angle, .. } => {
+                let cos = (0.5 * angle.min(PI)).cos();
+                let towards = frame(*direction) * cap(v, cos);
+                let radiance = delta.disc_radiance(world.scene, Vec3::ZERO, towards);
+                self.across(source, towards, radiance / cap_pdf(cos), chance, cap_pdf(cos), at)
             }
-            LightShape::Sphere { world_from_unit, radiance } => {
+            LightShape::Sphere { world_from_unit, .. } => {
                 let (centre, radius) = ball(world_from_unit)?;
-                let z = 1.0 - 2.0 * at[0];
-                let (sin, cos) = (TAU * at[1]).sin_cos();
-                let r = (1.0 - z * z).max(0.0).sqrt();
-                let normal = Vec3::new(r * cos, r * sin, z);
-                let position = centre + normal * radius;
-                let towards = frame(normal) * cosine_hemisphere([u[0], u[1]]);
-                let place_pdf = chance / (2.0 * TAU * radius * radius);
-                Emitted {
-                    source,
-                    position,
-                    normal,
-                    direction: towards,
-                    flux: *radiance * light.factor(world.scene, position, towards) * (PI / place_pdf),
-                    place_pdf,
-                    direction_pdf: cosine_hemisphere_pdf(normal.dot(towards)),
-                    is_point: false,
-                    is_beyond: false,
-                    is_parallel: false,
-                }
+                let normal = sphere(at);
+                let (position, direction) = (centre + normal * radius, frame(normal) * cosine_hemisphere(v));
+                let radiance = delta.disc_radiance(world.scene, position, direction);
+                let place_pdf = chance * SPHERE_PDF / (radius * radius);
+                let direction_pdf = cosine_hemisphere_pdf(normal.dot(direction));
+                Emitted::from_area(source, (position, normal), direction, radiance * PI, (place_pdf, direction_pdf))
             }
-            _ => return None,
-        };
-        (emitted.flux != Rgb::ZERO).then_some(emitted)
+            _ => None,
+        }
     }
 }
 
-fn from_polygon(
+impl Emitted {
+    /// Light that leaves a place on an area, its normal given, along `direction`; `sent` is radiance times cosine over the density
+    /// of the direction [lm/m^2].
+    fn from_area(
+        source: Source,
+        (position, normal): (Vec3, Vec3),
+        direction: Vec3,
+        sent: Rgb,
+        (place_pdf, direction_pdf): (f32, f32),
+    ) -> Option<Self> {
+        (sent != Rgb::ZERO).then(|| Self {
+            source,
+            position,
+            normal,
+            direction,
+            flux: sent / place_pdf,
+            place_pdf,
+            direction_pdf,
+            is_point: false,
+            is_beyond: false,
+            is_parallel: false,
+        })
+    }
+}
+
+/// Light of `intensity` [cd] from a point.
+fn of_point(
+    world: &World,
+    source: Source,
+    position: Vec3,
+    direction: Vec3,
+    intensity: Rgb,
+    (chance, direction_pdf): (f32, f32),
+) -> Option<Emitted> {
+    let Source::Delta(number) = source else { return None };
+    let light = &world.scene.lights[world.lights.delta[number].number()];
+    let sent = intensity * light.factor(world.scene, position, direction) / direction_pdf;
+    let emitted = Emitted::from_area(source, (position, direction), direction, sent, (chance, direction_pdf))?;
+    Some(Emitted { is_point: true, ..emitted })
+}
+
+fn of_polygon(
     scene: &Scene,
     polygon: &Polygon,
     source: Source,
@@ -257,18 +261,8 @@ fn from_polygon(
     let sides = if polygon.two_sided { 2.0 } else { 1.0 };
     let place_pdf = chance / polygon.area;
     let radiance = polygon.radiance_towards(scene, position, direction);
-    (radiance != Rgb::ZERO).then_some(Emitted {
-        source,
-        position,
-        normal,
-        direction,
-        flux: radiance * (PI * sides / place_pdf),
-        place_pdf,
-        direction_pdf: Sources::polygon_direction_pdf(polygon, direction),
-        is_point: false,
-        is_beyond: false,
-        is_parallel: false,
-    })
+    let direction_pdf = Sources::polygon_direction_pdf(polygon, direction);
+    Emitted::from_area(source, (position, normal), direction, radiance * (PI * sides), (place_pdf, direction_pdf))
 }
 
 /// Flux of a source [lm], about, for the choice among them: never 0 where it shines.
@@ -290,34 +284,18 @@ fn power(world: &World, source: Source, radius: f32) -> f32 {
             _ => 0.0,
         },
         Source::Sky => {
-            let mean = (0..64).map(|k| {
-                // Directions of a Fibonacci lattice.
-                let z = 1.0 - (2.0 * k as f32 + 1.0) / 64.0;
-                let (sin, cos) = (k as f32 * TAU * 0.618_034).sin_cos();
-                let r = (1.0 - z * z).sqrt();
-                world
-                    .lights
-                    .sky
-                    .as_ref()
-                    .map_or(0.0, |sky| luminance(sky.radiance(world.scene, Vec3::new(r * cos, z, r * sin))))
-            });
-            mean.sum::<f32>() / 64.0 * 2.0 * TAU * across
+            const DIRECTIONS: usize = 64;
+            // A Fibonacci lattice.
+            let lattice = |k: usize| [(k as f32 + 0.5) / DIRECTIONS as f32, (k as f32 * 0.618_034).fract()];
+            let radiance = |d: Vec3| world.lights.sky.as_ref().map_or(0.0, |s| luminance(s.radiance(world.scene, d)));
+            let sum: f32 = (0..DIRECTIONS).map(|k| radiance(sphere(lattice(k)))).sum();
+            sum / (DIRECTIONS as f32 * SPHERE_PDF) * across
         }
     }
 }
 
-/// A ball around all surfaces.
-fn bounds(scene: &Scene) -> (Vec3, f32) {
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for surface in &scene.surfaces {
-        for position in &scene.meshes[surface.mesh].positions {
-            let p = surface.world_from_local.transform_point3(*position);
-            (low, high) = (low.min(p), high.max(p));
-        }
-    }
-    if low.x > high.x {
-        (Vec3::ZERO, 1.0)
-    } else {
-        (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6) * 1.01)
-    }
+/// A ball around all surfaces: middle and radius [m].
+fn ball_around(scene: &Scene) -> (Vec3, f32) {
+    let Some([low, high]) = scene.bounds() else { return (Vec3::ZERO, 1.0) };
+    (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6) * 1.01)
 }

@@ -20,7 +20,8 @@ pub struct Vertex<'a> {
     pub kind: Kind<'a>,
 }
 
-/// What a vertex lies on.
+/// What a vertex lies on: nearly always a surface, which is kept in place.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug)]
 pub enum Kind<'a> {
     Surface(OnSurface<'a>),

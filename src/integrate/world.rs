@@ -4,7 +4,6 @@ use super::lamps::{Lamp, Lamps};
 use super::vertex::{Kind, Vertex};
 use crate::color::Rgb;
 use crate::light::Lights;
-use crate::light::delta::DeltaLight;
 use crate::light::polygon::{Polygon, Source};
 use crate::medium::{Flight, Media};
 use crate::patch::footprint::Facet;
@@ -12,8 +11,8 @@ use crate::patch::reflectance::passing_at;
 use crate::patch::{NONE, SurfacePoint};
 use crate::sample::Numbers;
 use crate::scatter::{Bsdf, Scattering};
+use crate::scene::Scene;
 use crate::scene::material::mean_share;
-use crate::scene::{LightShape, Scene};
 use crate::trace::{Hit, Ray, Segment, Tracer};
 use glam::Vec3;
 
@@ -160,8 +159,9 @@ impl<'a> World<'a> {
     /// Radiance of the sky and of suns with a disc, apart, from the unit vector `direction` [nit].
     pub fn beyond(&self, direction: Vec3) -> (Rgb, impl Iterator<Item = (usize, Rgb)>) {
         let sky = self.lights.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.radiance(self.scene, direction));
-        let suns = self.lamps.suns(direction).map(|number| (number, sun_radiance(&self.lights.delta[number])));
-        (sky, suns)
+        let suns = self.lamps.suns(direction);
+        let radiance = move |k: usize| self.lights.delta[k].disc_radiance(self.scene, Vec3::ZERO, -direction);
+        (sky, suns.map(move |k| (k, radiance(k))))
     }
 
     /// Calls `visit` with the lamps along `ray` up to `t`, their distance, and their radiance as far as it arrives [nit].
@@ -172,7 +172,7 @@ impl<'a> World<'a> {
                 Lamp::Polygon(number) => {
                     self.lights.polygons.polygons[number].radiance_towards(self.scene, at, -ray.direction)
                 }
-                Lamp::Ball(number) => ball_radiance(self.scene, &self.lights.delta[number], at, -ray.direction),
+                Lamp::Ball(number) => self.lights.delta[number].disc_radiance(self.scene, at, -ray.direction),
             };
             let passing = match self.media.is_empty() {
                 true => Rgb::ONE,
@@ -186,18 +186,4 @@ impl<'a> World<'a> {
 /// What is left over `t` [m] of what absorbs `absorption` [1/m].
 pub fn attenuation(absorption: Rgb, t: f32) -> Rgb {
     (-absorption * t).exp()
-}
-
-/// Radiance of a sun's disc [nit].
-fn sun_radiance(sun: &DeltaLight) -> Rgb {
-    let LightShape::Directional { illuminance, angle, .. } = sun.shape() else { return Rgb::ZERO };
-    let sin = (0.5 * angle.min(std::f32::consts::PI)).sin();
-    *illuminance / (std::f32::consts::PI * sin * sin)
-}
-
-/// Radiance of a ball from its place `at` along `direction` [nit].
-fn ball_radiance(scene: &Scene, ball: &DeltaLight, at: Vec3, direction: Vec3) -> Rgb {
-    let LightShape::Sphere { radiance, .. } = ball.shape() else { return Rgb::ZERO };
-    let light = &scene.lights[ball.number()];
-    if light.is_plain() { *radiance } else { *radiance * light.factor(scene, at, direction) }
 }

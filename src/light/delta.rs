@@ -9,6 +9,7 @@ use crate::sample::warp::{cap, frame};
 use crate::scene::{Light, LightShape, Linked, Picture, Scene};
 use crate::trace::{Ray, Segment, Tracer};
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// A point, spot, directional or ball-shaped light.
 #[derive(Clone, Debug)]
@@ -102,6 +103,19 @@ impl DeltaLight {
         if self.is_plain { Rgb::ONE } else { scene.lights[self.light].factor(scene, at, direction) }
     }
 
+    /// Radiance of a sun's disc, or of a ball from its place `at`, along the unit vector `direction` [nit]; black of what has no
+    /// disc.
+    pub fn disc_radiance(&self, scene: &Scene, at: Vec3, direction: Vec3) -> Rgb {
+        match &self.shape {
+            LightShape::Directional { illuminance, angle, .. } if *angle > 0.0 => {
+                let sin = (0.5 * angle.min(PI)).sin();
+                *illuminance / (PI * sin * sin)
+            }
+            LightShape::Sphere { radiance, .. } => *radiance * self.factor(scene, at, direction),
+            _ => Rgb::ZERO,
+        }
+    }
+
     /// What arrives at `position`; `u` in the unit square picks the place on a sun's or ball's disc. `None` where nothing can.
     pub fn arrive(&self, scene: &Scene, position: Vec3, u: [f32; 2]) -> Option<Arrival> {
         match &self.shape {
@@ -142,15 +156,12 @@ impl DeltaLight {
             }
             LightShape::Spot { position: at, direction, intensity, inner, outer, range } => {
                 let mut arrival = from_point(*at, *intensity, *range, position)?;
-                let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
-                let cos = direction.dot(-arrival.towards);
-                // KHR_lights_punctual, "Inner and Outer Cone Angles".
-                let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
-                arrival.illuminance *= ramp * ramp;
+                let share = spot_share(direction.dot(-arrival.towards), *inner, *outer);
+                arrival.illuminance *= share;
                 if !self.is_plain {
                     arrival.illuminance *= self.factor(scene, *at, -arrival.towards);
                 }
-                (ramp > 0.0).then_some(arrival)
+                (share > 0.0).then_some(arrival)
             }
             _ => None,
         }
@@ -186,6 +197,19 @@ pub fn passing(tracer: &Tracer, blockers: Option<&Tracer>, point: &SurfacePoint,
     passing[0]
 }
 
+/// The share of a spot's intensity at `cos` to its axis, between the half angles [rad] (KHR_lights_punctual, "Inner and Outer Cone
+/// Angles").
+pub fn spot_share(cos: f32, inner: f32, outer: f32) -> f32 {
+    let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
+    let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
+    ramp * ramp
+}
+
+/// The share of a point's or spot's light that is left at `distance` [m] by its range (KHR_lights_punctual, "Range Property").
+pub fn range_share(distance: f32, range: Option<f32>) -> f32 {
+    range.filter(|r| *r > 0.0).map_or(1.0, |r| (1.0 - (distance / r).powi(4)).clamp(0.0, 1.0))
+}
+
 /// Inverse square law, with the window that KHR_lights_punctual gives for `range`.
 fn from_point(at: Vec3, intensity: Rgb, range: Option<f32>, position: Vec3) -> Option<Arrival> {
     let way = at - position;
@@ -193,7 +217,7 @@ fn from_point(at: Vec3, intensity: Rgb, range: Option<f32>, position: Vec3) -> O
     if distance <= 0.0 {
         return None;
     }
-    let window = range.filter(|r| *r > 0.0).map_or(1.0, |r| (1.0 - (distance / r).powi(4)).clamp(0.0, 1.0));
+    let window = range_share(distance, range);
     let illuminance = intensity * (window / (distance * distance));
     (window > 0.0).then_some(Arrival { towards: way / distance, distance, illuminance })
 }

@@ -1,7 +1,7 @@
 //! Maps from the unit square to directions and shapes, each with its density.
 
 use glam::{Mat3, Vec2, Vec3};
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, FRAC_PI_4};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, FRAC_PI_4, TAU};
 
 /// The unit disc, uniformly; concentric, so that stratification survives (Shirley, Chiu 1997). Density 1 / pi.
 pub fn disc(u: [f32; 2]) -> Vec2 {
@@ -13,6 +13,17 @@ pub fn disc(u: [f32; 2]) -> Vec2 {
         if v.x.abs() > v.y.abs() { (v.x, FRAC_PI_4 * (v.y / v.x)) } else { (v.y, FRAC_PI_2 - FRAC_PI_4 * (v.x / v.y)) };
     r * Vec2::new(theta.cos(), theta.sin())
 }
+
+/// All directions, uniformly. Density [`SPHERE_PDF`].
+pub fn sphere(u: [f32; 2]) -> Vec3 {
+    let z = 1.0 - 2.0 * u[0];
+    let (sin, cos) = (TAU * u[1]).sin_cos();
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(r * cos, r * sin, z)
+}
+
+/// Density [1/sr] of [`sphere`].
+pub const SPHERE_PDF: f32 = 0.25 * FRAC_1_PI;
 
 /// The hemisphere around +Z, in proportion to the cosine (Malley). Density [`cosine_hemisphere_pdf`].
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
@@ -43,7 +54,7 @@ pub fn cap(u: [f32; 2], cos_max: f32) -> Vec3 {
 
 /// Density [1/sr] of [`cap`] inside it.
 pub fn cap_pdf(cos_max: f32) -> f32 {
-    1.0 / (std::f32::consts::TAU * (1.0 - cos_max))
+    1.0 / (TAU * (1.0 - cos_max))
 }
 
 /// A rotation that takes +Z to the unit vector `n` (Duff et al. 2017).

@@ -229,19 +229,3 @@ impl MediumShape {
         (placed.is_finite() && solid && sides.iter().all(is_measured)).then_some(placed)
     }
 }
-
-impl Scene {
-    /// The corners of the box around all surfaces [m]; `None` without any.
-    pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        let mut bounds: Option<[Vec3; 2]> = None;
-        for surface in &self.surfaces {
-            for &position in &self.meshes[surface.mesh].positions {
-                let at = surface.world_from_local.transform_point3(position);
-                if at.is_finite() {
-                    bounds = Some(bounds.map_or([at; 2], |[low, high]| [low.min(at), high.max(at)]));
-                }
-            }
-        }
-        bounds
-    }
-}

@@ -35,6 +35,7 @@ pub use texture::{Texels, Texture, Wrap};
 pub use web::{PhotometricWeb, Profile};
 
 use glam::{Affine3A, Vec3};
+use rayon::prelude::*;
 
 /// A whole scene. Meshes, materials and textures are shared by index.
 #[derive(Clone, Debug, Default)]
@@ -97,6 +98,17 @@ impl Scene {
     /// The corners of a surface's triangles in the order that is counter-clockwise in world space.
     pub fn corner_order(surface: &Surface) -> [usize; 3] {
         if surface.is_mirrored() { [0, 2, 1] } else { [0, 1, 2] }
+    }
+
+    /// The corners of the box around the triangles of all surfaces [m]; `None` where there are none.
+    pub fn bounds(&self) -> Option<[Vec3; 2]> {
+        let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let corners = (0..self.surfaces.len()).into_par_iter().filter_map(|s| {
+            let triangles = 0..self.meshes[self.surfaces[s].mesh].triangles.len();
+            let points = triangles.flat_map(|t| self.world_triangle(s, t)).filter(|p| p.is_finite());
+            points.map(|p| [p; 2]).reduce(join)
+        });
+        corners.reduce_with(join)
     }
 
     /// The material of a triangle.

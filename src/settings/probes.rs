@@ -55,7 +55,7 @@ impl ProbeSetting {
     pub fn placements(&self, scene: &Scene) -> Result<Vec<Placement>> {
         let sets = match self {
             Self::Spacing(spacing) => {
-                let (low, high) = bounds(scene);
+                let [low, high] = scene.bounds().unwrap_or_default();
                 vec![Placement::Grid(Grid::new(low, high, *spacing))]
             }
             Self::Sets(sets) => sets.iter().map(ProbeSet::placement).collect::<Result<_>>()?,
@@ -102,18 +102,6 @@ fn refuse_many(placement: &Placement) -> Result<()> {
 fn too_many(count: u64) -> Error {
     let message = format!("would be {count}; at most {MOST_PROBES} are allowed, so raise the spacing");
     Error::invalid("probes", message)
-}
-
-/// The box around all surfaces [m].
-fn bounds(scene: &Scene) -> (Vec3, Vec3) {
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for surface in &scene.surfaces {
-        for position in &scene.meshes[surface.mesh].positions {
-            let at = surface.world_from_local.transform_point3(*position);
-            (low, high) = (low.min(at), high.max(at));
-        }
-    }
-    if low.cmple(high).all() { (low, high) } else { (Vec3::ZERO, Vec3::ZERO) }
 }
 
 #[cfg(test)]

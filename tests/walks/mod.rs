@@ -184,3 +184,10 @@ pub fn add(scene: &mut Scene, triangles: &[[Vec3; 3]], material: Material) {
         ..Mesh::default()
     });
 }
+
+/// A room in which everything emits 1 nit and reflects half, so that all of it shines with 2 nit; and a view of it.
+pub fn furnace() -> (Prepared, View) {
+    let quads: Vec<Quad> = room([2., 1., 3.]).into_iter().map(|q| q.albedo(0.5).emission(1.0)).collect();
+    let camera = Camera::look_at(Vec3::new(1.0, 0.5, 2.5), Vec3::new(1.0, 0.4, 0.0), 1.0).unwrap();
+    (Prepared::new(scene(&quads)), View::new(camera, 16, 16))
+}

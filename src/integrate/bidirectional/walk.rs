@@ -1,6 +1,6 @@
 //! Walks from lights and from sensors: the two halves that paths are joined from.
 
-use super::super::emit::{Emitted, Source};
+use super::super::emit::{Emitted, Source, Sources};
 use super::super::lamps::Lamp;
 use super::super::vertex::Vertex;
 use super::super::world::{Travelled, World, attenuation};
@@ -139,7 +139,8 @@ impl<'a> Bidirectional<'a> {
         let mut nodes = Vec::with_capacity(PLACES);
         let met = self.walk(&mut nodes, going, Transport::Importance, most, numbers, |_, _, _| {});
         if let Some(first) = nodes.first() {
-            let within = self.sources.window(self.world, &emitted, first.vertex.position);
+            let distance = emitted.position.distance(first.vertex.position);
+            let within = Sources::window(self.world, emitted.source, distance);
             let ahead = self.end_at(emitted.source, emitted.position, &first.vertex, -emitted.direction).second;
             nodes[0].ahead = ahead;
             if within < 1.0 {

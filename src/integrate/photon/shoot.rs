@@ -8,7 +8,6 @@ use crate::integrate::{Kind, Vertex, World};
 use crate::progress::Progress;
 use crate::sample::{Drawn, Numbers, sequence::Stage};
 use crate::scatter::Transport;
-use crate::scene::LightShape;
 use crate::sensor::Sensor;
 use crate::trace::Ray;
 use rayon::prelude::*;
@@ -144,7 +143,7 @@ pub fn follow(world: &World, emitted: &Emitted, way: Way, numbers: &mut impl Num
         let travelled = world.travel(&ray, flux, absorption, numbers);
         flux *= travelled.weight;
         if bounces == 0 {
-            flux *= window(world, emitted.source, travelled.t);
+            flux *= Sources::window(world, emitted.source, travelled.t);
         }
         let Some(vertex) = travelled.vertex.filter(|_| flux.max_element() > 0.0) else { return };
         land(Landing { vertex: &vertex, flux, bounces, caustic: only_single && bounces > 0 });
@@ -175,15 +174,4 @@ fn is_single(world: &World, vertex: &Vertex) -> bool {
         let (surface, triangle) = world.tracer.place(hit.triangle);
         world.scene.material(surface, triangle).appearance.as_ref().is_some_and(|look| look.is_single())
     })
-}
-
-/// How a light's range dims it at `t` [m]: over the way to the first vertex, as drawn light has it.
-fn window(world: &World, source: Source, t: f32) -> f32 {
-    let Source::Delta(number) = source else { return 1.0 };
-    match world.lights.delta[number].shape() {
-        LightShape::Point { range: Some(range), .. } | LightShape::Spot { range: Some(range), .. } if *range > 0.0 => {
-            (1.0 - (t / range).powi(4)).clamp(0.0, 1.0)
-        }
-        _ => 1.0,
-    }
 }

@@ -308,11 +308,9 @@ impl Walk {
         };
         match kind {
             "" | "Xform" | "Scope" | "SkelRoot" | "Skeleton" | "SkelAnimation" | "BlendShape" => {}
-            "Camera" => {
-                if self.expanding.is_empty() {
-                    camera::read_camera(self, prim, state);
-                }
-            }
+            "Camera" if self.expanding.is_empty() => camera::read_camera(self, prim, state),
+            // Those of a point instancer's prototype have no one place.
+            "Camera" => {}
             // Known families that show nothing.
             kind if ["Render", "Physics"].iter().any(|family| kind.starts_with(family)) => {}
             "Mesh" => self.place_gprim(prim, kind, state),

@@ -2,6 +2,8 @@
 
 from sample_scenes.model import Builder, Camera, Material, Scene
 
+from . import room
+
 HEIGHT = 2.4
 GLASS = {
     "pbrMetallicRoughness": {"roughnessFactor": 0.0},
@@ -12,18 +14,10 @@ GLASS = {
 }
 
 
-def walls(low: tuple, high: tuple, material: str, without: str = "") -> list:
-    """The inner faces of a box, a surface each."""
-    (a, b, c), (d, e, f) = low, high
-    faces = {
-        "floor": [(a, b, c), (a, b, f), (d, b, f), (d, b, c)],
-        "ceiling": [(a, e, c), (d, e, c), (d, e, f), (a, e, f)],
-        "left": [(a, b, c), (a, e, c), (a, e, f), (a, b, f)],
-        "right": [(d, b, c), (d, b, f), (d, e, f), (d, e, c)],
-        "back": [(a, b, c), (d, b, c), (d, e, c), (a, e, c)],
-        "front": [(a, b, f), (a, e, f), (d, e, f), (d, b, f)],
-    }
-    return [Builder(name, material).face(*corners).mesh() for name, corners in faces.items() if name not in without.split()]
+def walls(low: tuple, high: tuple, material: str = "plaster", without: str = "") -> list:
+    """The inner faces of a box, all of one material."""
+    sides = ("floor", "ceiling", "left", "right", "back", "front")
+    return room.walls(high, {side: material for side in sides if side != without}, low)
 
 
 def panel(name: str, low: tuple, high: tuple, y: float) -> object:
@@ -44,7 +38,7 @@ def materials(lamp: float) -> list[Material]:
 def caustic() -> Scene:
     """A ball of glass on the floor below a small lamp."""
     centre = (1.0, 0.35, 0.9)
-    meshes = walls((0, 0, 0), (2.0, HEIGHT, 2.0), "plaster")
+    meshes = walls((0, 0, 0), (2.0, HEIGHT, 2.0))
     meshes += [panel("lamp", (0.68, 0.86), (0.74, 0.92), HEIGHT - 0.02), Builder("ball", "glass").ball(centre, 0.3, 32).mesh(centre)]
     camera = Camera.towards((1.2, 1.5, 1.95), (1.05, 0.2, 0.75), 50.0, 4 / 3)
     return Scene("caustic", "A ball of glass below a lamp. CC0.", materials(20000.0), meshes, camera)
@@ -53,8 +47,8 @@ def caustic() -> Scene:
 def door_ajar() -> Scene:
     """Two rooms, and a door between them that is open by a hand's breadth; the lamp is in the other room."""
     wall, thick = 2.0, 0.1
-    meshes = walls((0, 0, 0), (2.4, HEIGHT, wall), "plaster", without="front")
-    other = walls((0, 0, wall + thick), (2.4, HEIGHT, 4.1), "plaster", without="back")
+    meshes = walls((0, 0, 0), (2.4, HEIGHT, wall), without="front")
+    other = walls((0, 0, wall + thick), (2.4, HEIGHT, 4.1), without="back")
     for mesh in other:
         mesh.name = f"other_{mesh.name}"
     meshes += other
@@ -70,7 +64,7 @@ def door_ajar() -> Scene:
 
 def bowl() -> Scene:
     """A lamp in a bowl that hides it: all light comes over the ceiling."""
-    meshes = walls((0, 0, 0), (2.4, HEIGHT, 2.4), "plaster")
+    meshes = walls((0, 0, 0), (2.4, HEIGHT, 2.4))
     outside = Builder("bowl", "plaster").lathe((1.2, 1.5, 0.9), [(0.0, 0.0), (0.16, 0.03), (0.24, 0.12), (0.26, 0.24)], 32)
     inside = Builder("inside", "plaster").lathe((1.2, 1.51, 0.9), [(0.0, 0.0), (0.155, 0.03), (0.235, 0.12), (0.255, 0.23)], 32)
     inside.faces = [face[::-1] for face in inside.faces]

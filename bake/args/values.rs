@@ -1,0 +1,57 @@
+//! Values of options that are more than a word or a number.
+
+use lumel::render::CameraChoice;
+use lumel::settings::SkySetting;
+
+/// A camera's name, or seven numbers.
+pub fn parse_camera(text: &str) -> Result<CameraChoice, String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, z, to_x, to_y, to_z, angle]) if numbers.iter().flatten().all(|v| v.is_finite()) => {
+            Ok(CameraChoice::At([x, y, z].into(), [to_x, to_y, to_z].into(), angle))
+        }
+        Ok(_) => Err("expected a name, or seven numbers: two places and an angle, as in 0,1.7,4,0,1,0,50".to_string()),
+        Err(_) => Ok(CameraChoice::Named(text.to_string())),
+    }
+}
+
+/// `width` or `widthxheight`.
+pub fn parse_size(text: &str) -> Result<(u32, Option<u32>), String> {
+    let side = |v: &str| v.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
+    let parts: Vec<Option<u32>> = text.split('x').map(side).collect();
+    match parts[..] {
+        [Some(width)] => Ok((width, None)),
+        [Some(width), Some(height)] => Ok((width, Some(height))),
+        _ => Err("expected pixels from 1 to 16384, as in 960 or 960x540".to_string()),
+    }
+}
+
+/// See [`SkySetting`].
+pub fn parse_sky(text: &str) -> Result<SkySetting, String> {
+    text.parse()
+}
+
+/// `elevation,azimuth,lux`.
+pub fn parse_sun(text: &str) -> Result<[f32; 3], String> {
+    let values: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
+    match values.as_deref() {
+        Ok([elevation, azimuth, lux]) => Ok([*elevation, *azimuth, *lux]),
+        _ => Err("expected degrees, degrees and lux separated by commas, as in 40,180,80000".to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sky_takes_one_or_three_numbers() {
+        assert_eq!(parse_sky("1, 2,3"), Ok(SkySetting::Constant([1.0, 2.0, 3.0])));
+        assert_eq!(parse_sky("0.5"), Ok(SkySetting::Constant([0.5; 3])));
+        assert_eq!(parse_sky("clear"), Ok(SkySetting::Clear { turbidity: 3.0 }));
+        assert_eq!(parse_sky("clear, 2.5"), Ok(SkySetting::Clear { turbidity: 2.5 }));
+        assert!(parse_sky("1,2").is_err() && parse_sky("blue").is_err() && parse_sky("clear,x").is_err());
+        assert_eq!(parse_sun("40,-10,8e4"), Ok([40.0, -10.0, 8e4]));
+        assert!(parse_sun("40,180").is_err());
+    }
+}
