@@ -55,6 +55,32 @@ const REPLACES: [(&str, &[&str]); 9] = [
     ("environment", &["sky"]),
 ];
 
+/// Keys of a file that say something of a picture, too: what the scene and its light are, and how light is followed. The others
+/// are about bakes.
+const PICTURE_KEYS: [&str; 21] = [
+    "time",
+    "animation",
+    "variant",
+    "subdivide",
+    "purpose",
+    "confine",
+    "strict",
+    "max-texture",
+    "max-memory",
+    "sky",
+    "sun",
+    "environment",
+    "surfaces",
+    "max-bounces",
+    "seed",
+    "threads",
+    "projectors",
+    "medium",
+    "objects",
+    "materials",
+    "lamps",
+];
+
 /// Resolved settings, and the files that they came from.
 #[derive(Debug)]
 pub struct Resolved {
@@ -69,6 +95,10 @@ pub trait Typed {
     fn scene(&self) -> &SceneArgs;
     /// What was typed, with the keys of `lumel.toml`.
     fn table(&self) -> Result<Table>;
+    /// The keys of a file that mean something to the command; none: all.
+    fn keys(&self) -> Option<&'static [&'static str]> {
+        None
+    }
 }
 
 impl Typed for BakeArgs {
@@ -142,10 +172,13 @@ impl Typed for RenderArgs {
         &self.scene
     }
     fn table(&self) -> Result<Table> {
-        // Pictures are taken by paths unless something else is asked for here: a file's method is the bake's.
+        // Pictures are taken by paths unless something else is asked for.
         let method = [("method".to_string(), Value::from("path"))].into_iter().collect();
         let groups = [method, table(&self.scene)?, table(&self.walk)?, table(&self.light)?, table(&self.running)?];
         Ok(groups.into_iter().flatten().collect())
+    }
+    fn keys(&self) -> Option<&'static [&'static str]> {
+        Some(&PICTURE_KEYS)
     }
 }
 
@@ -162,10 +195,13 @@ pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
     let scene = args.scene();
     let beside = scene.scene.with_file_name(FILE_NAME);
     let file = scene.config.clone().or_else(|| beside.is_file().then_some(beside));
-    let lower = match &file {
+    let mut lower = match &file {
         Some(path) => read(path).map_err(Failure::Usage)?,
         None => Table::new(),
     };
+    if let Some(keys) = args.keys() {
+        lower.retain(|key, _| keys.contains(&key));
+    }
     let typed = args.table().map_err(Failure::Usage)?;
     if let (Some(path), Some(folder)) = (&file, &scene.limits.confine) {
         confine(path, &lower, folder).map_err(Failure::Usage)?;

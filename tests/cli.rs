@@ -355,6 +355,32 @@ fn a_bake_writes_its_folder_and_says_so() {
     assert_eq!(f.run(&["compare", page, page]).status.code(), Some(0));
 }
 
+#[test]
+fn a_picture_is_taken_whatever_a_file_says_of_bakes() {
+    let f = Folder::new("picture");
+    f.write("a.glb", grid(2, true));
+    f.write("lumel.toml", "error = \"2%\"\nlayers = [\"bounces\"]\nresolution = 64\nmax-bounces = 1\n");
+    let view = ["render", "a.glb", "--camera", "1,3,1,1,0,1.01,60", "--size", "8x6", "--samples", "2"];
+    let output = f.run(&view);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("8 x 6 pixels, 2 samples each"), "{}", stderr(&output));
+    assert_eq!(f.entries(), ["a.exr", "a.glb", "a.png", "lumel.toml"]);
+
+    let fails = |flags: &[&str], said: &str| {
+        let output = f.run(&[&["render", "a.glb", "--quiet"], flags].concat());
+        let text = stderr(&output);
+        assert!(!output.status.success() && text.starts_with("error: ") && text.contains(said), "{flags:?}: {text}");
+    };
+    fails(&[], "has no camera");
+    fails(&["--camera", "front"], "there is no camera front");
+    fails(&["--camera", "1,2,3,1,2,3,60"], "looks nowhere");
+    fails(&["--camera", "1,2,3"], "seven numbers");
+    fails(&["--camera", "1,3,1,1,0,1.01,60", "-o", "a.glb"], "would be replaced");
+    fails(&["--camera", "1,3,1,1,0,1.01,60", "-o", "a.jpg"], "no .exr file");
+    fails(&["--camera", "1,3,1,1,0,1.01,60", "-o", "none/a.exr"], "is no folder");
+    fails(&["--camera", "1,3,1,1,0,1.01,60", "--final-gather"], "names no lightmaps");
+}
+
 /// The report of a bake of `a.glb` with `flags`, and what was said.
 fn reported(f: &Folder, flags: &[&str]) -> (serde_json::Value, String) {
     let args: Vec<&str> =
