@@ -11,6 +11,7 @@ use lumel::light::Lights;
 use lumel::measure::measure;
 use lumel::medium::Media;
 use lumel::progress::Silent;
+use lumel::render::{CameraChoice, LightChoice, Picture, render};
 use lumel::scatter::{self, Scattering, Surfaces};
 use lumel::scene::appearance::{Appearance, Dielectric, Walls};
 use lumel::scene::{Camera, Light, LightShape, Material, Medium, MediumShape, Scene};
@@ -233,4 +234,47 @@ fn surfaces_can_be_taken_for_diffuse() {
     let film = picture(scene, [1.0, 1.2, 1.9], [1.0, 1.0, 0.8], &settings);
     let mean = film.mean().iter().map(|c| c.x).sum::<f32>() / film.mean().len() as f32;
     assert!((mean / 2.0 - 1.0).abs() < 0.02, "{mean}");
+}
+
+#[test]
+fn lights_that_a_bake_leaves_out_shine_in_a_picture() {
+    let folder = std::env::temp_dir().join(format!("lumel-pictures-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("lamp.usda");
+    let text = r#"#usda 1.0
+( metersPerUnit = 1
+  upAxis = "Y" )
+def Mesh "floor"
+{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)]
+}
+def SphereLight "lamp"
+{
+    float inputs:radius = 0.2
+    float inputs:intensity = 500
+    token lumel:bake = "dynamic"
+    double3 xformOp:translate = (0, 2, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Camera "above"
+{
+    float horizontalAperture = 20
+    float verticalAperture = 10
+    float focalLength = 20
+    double3 xformOp:translate = (0, 1, 0)
+    float xformOp:rotateX = -90
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
+}
+"#;
+    std::fs::write(&file, text).unwrap();
+    let output = folder.join("lamp.exr");
+    let (camera, light) = (CameraChoice::First, LightChoice::Any);
+    let asked = Picture { camera, width: 16, height: None, light, exposure: 0.0 };
+    let taken = render(&file, &output, &by(Method::Path, 2), &asked, &Silent).unwrap();
+    let png = image::open(&taken.files[1]).unwrap().to_rgb8();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert_eq!((taken.size, png.dimensions()), ([16, 8], (16, 8)), "as the camera's aperture is");
+    assert!(png.pixels().all(|p| p.0[0] > 60), "the floor fills the picture, and is lit: {:?}", png.get_pixel(0, 0));
 }
