@@ -464,7 +464,9 @@ fn overlapping_media_turn_light_in_proportion_to_what_they_scatter() {
 
 #[test]
 fn a_medium_in_the_whole_scene_ends_beyond_its_box() {
-    let mesh = Mesh { positions: vec![Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 3.0], ..Mesh::default() };
+    // A corner that no triangle has is no part of the floor.
+    let positions = vec![Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 3.0, Vec3::Y * 9.0];
+    let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Mesh::default() };
     let floor = Surface {
         name: "floor".into(),
         mesh: 0,
