@@ -460,6 +460,7 @@ fn an_error_or_time_that_cannot_be_had_is_refused() {
         (&["--error", "2%", "--elements", "100"], "--error"),
         (&["--error", "2%", "--layers", "light-groups", "--gather", "final"], "--layers"),
         (&["--error", "2%", "--method", "path"], "--error"),
+        (&["--error", "2%", "--method", "photon"], "and method photon goes"),
         (&["--time-budget", "0"], "0.1 to 1000000"),
         (&["--time-budget", "5", "--gather", "final"], "--time-budget"),
         (&["--gather", "blocks", "--solver", "jacobi"], "--gather"),

@@ -229,11 +229,11 @@ impl Settings {
     /// Refuses what the way to gather has no use for.
     fn check_gather(&self) -> Result<()> {
         let is_blocks = self.gather() == Gather::Blocks;
-        let other = match (self.method, self.gather, self.for_elements()) {
-            (Method::Path, ..) => "method path",
-            (_, Gather::Final, _) => "gather final",
-            (_, Gather::None, _) => "gather none",
-            (.., option) => option.unwrap_or_default(),
+        let other = match (self.gather, self.for_elements()) {
+            _ if self.method.follows_rays() => format!("method {}", self.method.name()),
+            (Gather::Final, _) => "gather final".to_string(),
+            (Gather::None, _) => "gather none".to_string(),
+            (_, option) => option.unwrap_or_default().to_string(),
         };
         let for_blocks = format!("is for gather blocks, and {other} goes another way; leave out one of them");
         let of_elements = self.for_elements().unwrap_or_default();
