@@ -5,7 +5,7 @@ mod caustics;
 
 use crate::Result;
 use crate::blocks::separate::{Source, Wanted};
-use crate::blocks::{BlockParams, Exchanged, exchange, shown_normals};
+use crate::blocks::{BlockParams, Exchanged, exchange, look, shown_normals};
 use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
 use crate::error::Error;
@@ -252,7 +252,10 @@ fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progre
     let wanted = Wanted { sources: &sources, bounces: settings.bounce_layers() };
     let params = settings.block_params();
     let params = BlockParams { layers: params.layers || leaves_out_sky(parts), ..params };
-    let (mut gathered, backs, exchanged) = exchange(lit, &direct, &params, wanted, progress)?;
+    let (mut gathered, backs, exchanged) = {
+        let seen = look(lit, &direct, &params, progress)?;
+        exchange(lit, &direct, &params, wanted, seen, progress)?
+    };
     dump.patches("indirect", lit.ground, |i| gathered.irradiance[i] - direct.shown[i])?;
     let groups = light_groups(parts, &each, std::mem::take(&mut gathered.groups));
     let (elements, solution) = (Elements::default(), Solution::default());

@@ -45,6 +45,15 @@ pub struct Block {
     pub spread: f32,
 }
 
+/// Where a block lies: what it takes to find the rest of it again.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    /// As in [`Block`].
+    pub first: u32,
+    pub end: u32,
+    pub level: u32,
+}
+
 /// All blocks, sorted by their patches.
 pub struct Blocks {
     pub list: Vec<Block>,
@@ -115,6 +124,28 @@ impl Blocks {
         list.extend(blocks.cut(lit, fronts..blocks.order.len(), COARSE_BACK, true, |i| n + patches.chart[i]));
         blocks.adopt(list);
         blocks
+    }
+
+    /// Blocks of these shapes, in order; `None` where they aren't parts of the coarsest blocks of `lit`.
+    pub fn shaped(lit: &Lit, shapes: &[Shape]) -> Option<Self> {
+        let mut blocks = Self::new(lit);
+        let mut end = 0;
+        let describe = |shape: &Shape| {
+            let whole = blocks.list.partition_point(|block| block.end <= shape.first);
+            let whole = blocks.list.get(whole).filter(|whole| whole.first <= shape.first && shape.end <= whole.end)?;
+            let is_part = shape.first < shape.end && shape.level <= whole.level;
+            let range = shape.first as usize..shape.end as usize;
+            is_part.then(|| blocks.describe(lit, range, shape.level, whole.back, whole.region))
+        };
+        let in_order = |shape: &Shape| shape.first >= std::mem::replace(&mut end, shape.end);
+        let list =
+            shapes.iter().all(in_order).then(|| shapes.par_iter().map(describe).collect::<Option<Vec<Block>>>())??;
+        let patches: u32 = list.iter().map(|block| block.end - block.first).sum();
+        if patches as usize != blocks.order.len() {
+            return None;
+        }
+        blocks.adopt(list);
+        Some(blocks)
     }
 
     /// Splits the blocks that are `wanted`, if they have more than one texel, into quarters. Returns the block that each of the new

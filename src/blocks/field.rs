@@ -2,6 +2,7 @@
 
 use super::block::Blocks;
 use super::guide::{Guide, View};
+use super::kept::Kept;
 use super::link::{Sight, SkyLink};
 use super::reach::Reach;
 use super::respond::Response;
@@ -10,8 +11,8 @@ use super::show::neighbours;
 use super::sky_cells::{Escaped, SkyCells};
 use super::sweep::{BackLight, Radiosity, Swept, System};
 use super::{BlockParams, SHARE};
-use crate::Result;
 use crate::color::{Rgb, luminance};
+use crate::error::{Error, Result};
 use crate::gather::Backs;
 use crate::light::direct::Arriving;
 use crate::light::{Direct, Lit};
@@ -77,6 +78,82 @@ impl<'a> Field<'a> {
         };
         field.meet();
         field
+    }
+
+    /// The blocks and links that were kept, in other light, which goes on from where it was then; of `on_backs` what is known.
+    ///
+    /// # Errors
+    /// `Cancelled`; `Invalid` where what was kept is of other patches.
+    pub fn kept(
+        lit: &'a Lit<'a>,
+        direct: &Direct,
+        params: &'a BlockParams,
+        kept: &Kept,
+        on_backs: Option<BackLight>,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let unlike = || Error::invalid("kept links", "they are of other texels; bake without the cache");
+        let blocks = kept.blocks(lit).ok_or_else(unlike)?;
+        let sampled = kept.sampled(lit, &blocks).ok_or_else(unlike)?;
+        let n = blocks.list.len();
+        let (fronts, patches) = (blocks.fronts(), lit.ground.patches.len());
+        let back_blocks: Vec<usize> = kept.back_blocks.iter().map(|&b| b as usize).collect();
+        let is_there = kept.irradiance.len() == n
+            && back_blocks.iter().all(|b| (fronts..n).contains(b))
+            && kept.back_patches.iter().all(|&i| (i as usize) < patches && blocks.back_of[i as usize] != NONE);
+        if !is_there {
+            return Err(unlike());
+        }
+        let mut field = Self {
+            lit,
+            params,
+            around: Vec::new(),
+            sampled,
+            irradiance: kept.irradiance.clone(),
+            sent: sent(lit, direct, params),
+            on_backs: BackLight { of_block: vec![None; n - fronts], ..BackLight::default() },
+            base: vec![Rgb::ZERO; n],
+            bright: None,
+            swept: Swept::default(),
+            rays: kept.rays,
+            blocks,
+        };
+        match on_backs {
+            Some(on_backs) => field.on_backs = on_backs,
+            None => {
+                field.light_backs(&kept.back_patches, progress)?;
+                field.light_back_blocks(&back_blocks, progress)?;
+            }
+        }
+        field.base = (0..n).into_par_iter().with_max_len(SHARE).map(|b| field.base_of(b)).collect();
+        let flux = field.flux();
+        let ratio = |k: usize| if kept.flux[k] > 0.0 { (flux[k] / kept.flux[k]) as f32 } else { 1.0 };
+        let ratio = Rgb::from_array(std::array::from_fn(ratio));
+        field.irradiance.iter_mut().for_each(|e| *e *= ratio);
+        field.meet();
+        Ok(field)
+    }
+
+    /// What patches send of their direct light and blocks get of the sky, by channel [lm].
+    pub fn flux(&self) -> [f64; 3] {
+        let area = &self.lit.exposure.area;
+        let sent = self.sent.iter().zip(area).map(|(sent, area)| sent.as_dvec3() * f64::from(*area));
+        let sky = self.base.iter().zip(&self.blocks.list).map(|(e, block)| e.as_dvec3() * f64::from(block.area));
+        sent.chain(sky).sum::<glam::DVec3>().to_array()
+    }
+
+    /// Patches and blocks of whose backs the direct light is known, ascending.
+    pub fn lit_backs(&self) -> (Vec<u32>, Vec<u32>) {
+        let mut patches: Vec<u32> = self.on_backs.of_patch.keys().copied().collect();
+        patches.sort_unstable();
+        let fronts = self.blocks.fronts() as u32;
+        let blocks = (fronts..).zip(&self.on_backs.of_block).filter(|(_, known)| known.is_some());
+        (patches, blocks.map(|(b, _)| b).collect())
+    }
+
+    /// The direct light on backs, which is all that is left of the field.
+    pub fn into_on_backs(self) -> BackLight {
+        self.on_backs
     }
 
     /// The equations of the light.
@@ -352,6 +429,11 @@ impl<'a> Field<'a> {
         let system = self.system();
         let respond = |b: usize| Response::new(&system, radiosity, &normal, b);
         (0..self.blocks.fronts()).into_par_iter().with_max_len(SHARE).map(respond).collect()
+    }
+
+    /// Number of links to patches.
+    pub fn links(&self) -> u64 {
+        self.sampled.iter().flat_map(|found| &found.halves).map(|half| half.links.len() as u64).sum()
     }
 
     /// Forgets what was seen, and what patches send.

@@ -171,6 +171,11 @@ impl Normals {
 }
 
 impl Drawn {
+    /// So many directions over the hemisphere and towards what shines, of which nothing else is known any more.
+    pub fn of(hemisphere: u32, areas: u32) -> Self {
+        Self { hemisphere, areas, ..Self::default() }
+    }
+
     /// Samples of both strategies.
     pub fn samples(&self) -> u32 {
         self.hemisphere + self.areas

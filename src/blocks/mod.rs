@@ -5,13 +5,15 @@
 //! shines ([`shoot`], [`guide`], [`reach`]). Links know nothing of light, so that the same ones serve every bounce ([`sweep`]).
 //! Blocks answer for any normal ([`respond`]), share what they know with their neighbours ([`smooth`]), and texels are read in between
 //! ([`show`]). Samples go where the noise is and blocks are split where detail is, until the error that was asked for is reached
-//! ([`effort`]). Light groups and bounces are told apart by the same links ([`separate`]).
+//! ([`effort`]). Links are kept in few bytes ([`kept`]), for other light as well. Light groups and bounces are told apart by the same links ([`separate`]).
 
+mod bits;
 pub mod block;
 mod effort;
 mod field;
 pub mod guide;
 mod incident;
+pub mod kept;
 pub mod link;
 pub mod reach;
 pub mod respond;
@@ -31,11 +33,13 @@ use crate::progress::Progress;
 use effort::{Left, Stakes, distances, too_coarse, too_near, variances};
 use field::Field;
 use glam::{DVec3, Vec3};
+use kept::Kept;
 use rayon::prelude::*;
 use respond::{DIFFERENCE, LANDED, Response, Values};
 use separate::{Separate, Wanted};
 use show::show;
 use smooth::{Smoothed, smooth};
+use sweep::{BackLight, Swept};
 
 /// What is asked of the exchange.
 #[derive(Clone, Debug)]
@@ -121,50 +125,77 @@ struct Judged {
     left: Left,
 }
 
-/// Finds the light between surfaces, and what is `wanted` of it on its own.
+/// What blocks see, found in some light.
+pub struct Seen {
+    pub kept: Kept,
+    /// The direct light on backs, where it is known already.
+    on_backs: Option<BackLight>,
+}
+
+impl From<Kept> for Seen {
+    fn from(kept: Kept) -> Self {
+        Self { kept, on_backs: None }
+    }
+}
+
+/// Finds what blocks see, as closely as the light of `lit` asks for.
 ///
 /// # Errors
 /// `Cancelled`.
+pub fn look(lit: &Lit, direct: &Direct, params: &BlockParams, progress: &dyn Progress) -> Result<Seen> {
+    progress.begin("links", 0);
+    let normals = shown_normals(lit);
+    let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
+    let mut run = Run::new(Field::new(lit, direct, params), direct, &normal, progress)?;
+    let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
+    run.reach(aim)?;
+    while aim > params.error && !run.is_late() {
+        aim = (aim * LADDER[1]).max(params.error);
+        run.reach(aim)?;
+    }
+    let kept = kept::keep(&run.field, run.gain, &normal);
+    tracing::debug!(bytes = kept.links.len(), links = run.field.links(), "kept");
+    Ok(Seen { kept, on_backs: Some(run.field.into_on_backs()) })
+}
+
+/// Finds the light between surfaces that have `seen` one another, and what is `wanted` of it on its own. The light may be another than
+/// the one that they were looked at in.
+///
+/// # Errors
+/// `Cancelled`; `Invalid` where what was seen is of other texels.
 pub fn exchange(
     lit: &Lit,
     direct: &Direct,
     params: &BlockParams,
     wanted: Wanted,
+    seen: Seen,
     progress: &dyn Progress,
 ) -> Result<(Gathered, Backs, Exchanged)> {
     progress.begin("exchange", 0);
     let normals = shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
-    let mut run = Run::new(Field::new(lit, direct, params), direct, &normal, progress)?;
-    let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
-    let mut left = run.reach(aim)?;
-    while aim > params.error && !run.is_late() {
-        aim = (aim * LADDER[1]).max(params.error);
-        left = run.reach(aim)?;
-    }
-    let Run { mut field, .. } = run;
+    let Seen { kept, on_backs } = seen;
+    let gain = kept.gain;
+    let mut field = Field::kept(lit, direct, params, &kept, on_backs, progress)?;
+    drop(kept);
     field.solve(params.residual, progress)?;
-    // What was judged had not come to rest: light would be missing.
     let radiosity = field.system().radiosity(&field.irradiance);
     let backs = field.backs(&radiosity);
     let responses = field.responses(&radiosity, &normal);
     let moments = if lit.params.moments { incident::incident(&field, &radiosity) } else { Vec::new() };
+    let stakes = Stakes::new(&field, &variances(&field.system(), &radiosity), direct, gain);
     drop(radiosity);
-    let exchanged = Exchanged {
-        blocks: field.blocks.list.len(),
-        links: field.sampled.iter().flat_map(|s| &s.halves).map(|h| h.links.len() as u64).sum(),
-        sweeps: field.swept.sweeps,
-        residual: field.swept.residual,
-        noise: left.noise,
-        bias: left.bias,
-    };
+    let (blocks, links) = (field.blocks.list.len(), field.links());
     let separate = Separate::find(&field, wanted, &normal, progress)?;
     // Nothing looks along links any more; they are most of what there is.
     field.forget_links();
     let smoothed = smooth(&field.blocks, &field.around, responses);
+    let Left { noise, bias, .. } = Left::new(&field, &stakes, &smoothed);
+    let Swept { sweeps, residual } = field.swept;
+    let exchanged = Exchanged { blocks, links, sweeps, residual, noise, bias };
     let mut gathered = show_all(&field, direct, smoothed, &normal);
     separate.put(&mut gathered);
-    Ok((Gathered { noise: left.noise, moments, ..gathered }, backs, exchanged))
+    Ok((Gathered { noise, moments, ..gathered }, backs, exchanged))
 }
 
 /// The exchange under way.

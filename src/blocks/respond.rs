@@ -93,18 +93,28 @@ pub fn sky(values: &Values) -> Rgb {
     Rgb::new(values[3], values[4], values[5])
 }
 
+/// Largest angle of a normal of block `b` to the mean [rad], of those that are shown, too: they may be spread where the surface is flat.
+fn spread(blocks: &Blocks, b: usize, normal: &dyn Fn(usize) -> Vec3) -> f32 {
+    let block = &blocks.list[b];
+    let cos = |&i: &u32| block.normal.dot(normal(i as usize));
+    let shown = blocks.members(b).iter().map(cos).fold(1.0, f32::min).clamp(-1.0, 1.0).acos();
+    block.spread.max(shown)
+}
+
+/// True where one value doesn't do for all normals of block `b`.
+pub fn is_curved(blocks: &Blocks, b: usize, normal: &dyn Fn(usize) -> Vec3) -> bool {
+    spread(blocks, b, normal) >= FLAT
+}
+
 impl Response {
     /// How block `b` answers while patches send `radiosity`; `normal` is the one that a patch shows.
     pub fn new(system: &System, radiosity: &Radiosity, normal: &dyn Fn(usize) -> Vec3, b: usize) -> Self {
-        let (block, found) = (&system.blocks.list[b], &system.sampled[b]);
+        let found = &system.sampled[b];
         let halves = [0, 1].map(|k| System::collect(&found.halves[k], radiosity));
         let skies = [0, 1].map(|k| system.sky(b, k, None));
         let landed = found.halves.iter().map(|h| h.weights.iter().sum::<f32>()).sum::<f32>() * 0.5;
         let mean = values(halves, skies, landed);
-        // Shown normals may be spread where the surface is flat.
-        let cos = |&i: &u32| block.normal.dot(normal(i as usize));
-        let shown = system.blocks.members(b).iter().map(cos).fold(1.0, f32::min).clamp(-1.0, 1.0).acos();
-        let spread = block.spread.max(shown);
+        let spread = spread(system.blocks, b, normal);
         if spread < FLAT {
             return Self::Flat(mean);
         }

@@ -1,0 +1,287 @@
+//! Links as they are kept: in three bytes each, so that they outlive a bake.
+//!
+//! What a sweep needs of a link is its patch and form factor. Patches of a half are sorted and told by the gaps between them, which lie
+//! close where the block sees much of one place; form factors by their logarithm, in steps of an eighth of an octave, scaled to
+//! their exact sum: each is off by 4 % at most, and the mean over a hundred by three in a thousand. Directions follow from where
+//! block and patch are; curved blocks, which weigh links by them, and the sky, which is nowhere, have theirs in 16 bits.
+//!
+//! A bake solves with links as they come back from here, kept or not: what is read later is what was solved with then, to the bit.
+
+use super::SHARE;
+use super::bits::{BitReader, BitWriter};
+use super::block::{Block, Blocks, Shape};
+use super::field::Field;
+use super::guide::Found;
+use super::link::{Drawn, Half, Link, Normals, SkyLink};
+use super::respond::is_curved;
+use super::shoot::Sampled;
+use crate::color::Rgb;
+use crate::light::Lit;
+use crate::sample::octahedral;
+use glam::Vec3;
+use half::f16;
+use rayon::prelude::*;
+
+/// Steps of an octave in which form factors are told, and the last of them.
+const STEPS: f32 = 8.0;
+const LAST_STEP: u32 = 127;
+
+/// Cosine to the block's normal that reconstructed directions have at least: a block's middle may lie beside what its edge sees.
+const LEAST_COS: f32 = 0.05;
+
+/// What blocks see, and all that is needed to find the light of any lamps by it.
+#[derive(Clone, Debug, Default)]
+pub struct Kept {
+    /// Of blocks: the gap before, the number of texels, and the level.
+    pub shapes: Vec<u8>,
+    /// The end of each block's bytes in `links`.
+    pub ends: Vec<u32>,
+    pub links: Vec<u8>,
+    /// The light that blocks had when links were last looked along [lx]: where sweeps start.
+    pub irradiance: Vec<Rgb>,
+    /// What patches sent then, in all, by channel [lm].
+    pub flux: [f64; 3],
+    /// Patches whose backs are seen, and blocks whose backs' direct light is wanted, ascending.
+    pub back_patches: Vec<u32>,
+    pub back_blocks: Vec<u32>,
+    /// What stratification and smoothing leave of the variance of independent samples.
+    pub gain: f32,
+    /// Rays that were traced.
+    pub rays: u64,
+}
+
+/// Keeps what `field` has seen; `normal` is the one that a patch shows.
+pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Kept {
+    let blocks = &field.blocks;
+    let encode = |b: usize| {
+        let mut bits = BitWriter::default();
+        write_block(&mut bits, &field.sampled[b], is_curved(blocks, b, normal));
+        bits.finish()
+    };
+    let each: Vec<Vec<u8>> = (0..blocks.list.len()).into_par_iter().with_max_len(SHARE).map(encode).collect();
+    let mut end = 0;
+    let ends = each.iter().map(|bytes| {
+        end += bytes.len() as u32;
+        end
+    });
+    let (back_patches, back_blocks) = field.lit_backs();
+    Kept {
+        shapes: write_shapes(&blocks.list),
+        ends: ends.collect(),
+        links: each.concat(),
+        irradiance: field.irradiance.clone(),
+        flux: field.flux(),
+        back_patches,
+        back_blocks,
+        gain,
+        rays: field.rays,
+    }
+}
+
+impl Kept {
+    /// The blocks of `lit`; `None` where they aren't of the same patches.
+    pub fn blocks(&self, lit: &Lit) -> Option<Blocks> {
+        let mut bits = BitReader::new(&self.shapes);
+        let mut end = 0u32;
+        let mut shape = |_| {
+            let first = end.checked_add(bits.get_any()?)?;
+            end = first.checked_add(bits.get_any()?)?;
+            Some(Shape { first, end, level: bits.get_any()? })
+        };
+        let shapes: Vec<Shape> = (0..self.ends.len()).map(&mut shape).collect::<Option<_>>()?;
+        Blocks::shaped(lit, &shapes)
+    }
+
+    /// What each of `blocks` has seen; `None` where that can't be, and what is kept is of something else.
+    pub fn sampled(&self, lit: &Lit, blocks: &Blocks) -> Option<Vec<Sampled>> {
+        let shares = std::array::from_fn(|step| (-(step as f32) / STEPS).exp2());
+        let read = |b: usize| {
+            let start = if b == 0 { 0 } else { self.ends[b - 1] as usize };
+            let bits = BitReader::new(self.links.get(start..self.ends[b] as usize)?);
+            Reading { bits, block: &blocks.list[b], lit, shares: &shares }.sampled()
+        };
+        (0..self.ends.len()).into_par_iter().with_max_len(SHARE).map(read).collect()
+    }
+}
+
+fn write_shapes(list: &[Block]) -> Vec<u8> {
+    let mut bits = BitWriter::default();
+    let mut end = 0;
+    for block in list {
+        bits.put_any(block.first - end);
+        bits.put_any(block.end - block.first);
+        bits.put_any(block.level);
+        end = block.end;
+    }
+    bits.finish()
+}
+
+fn write_block(bits: &mut BitWriter, sampled: &Sampled, curved: bool) {
+    let Sampled { halves, drawn, .. } = sampled;
+    bits.put_any(drawn.hemisphere);
+    bits.put_any(drawn.areas);
+    if drawn.samples() == 0 {
+        return;
+    }
+    bits.put_any(drawn.normals.0.len() as u32);
+    drawn.normals.0.iter().for_each(|n| bits.put(octahedral::pack(*n), 32));
+    bits.put(u32::from(curved), 1);
+    for half in halves {
+        write_links(bits, half, curved);
+        write_sky(bits, half);
+        bits.put_any(half.lost);
+    }
+}
+
+fn write_links(bits: &mut BitWriter, half: &Half, curved: bool) {
+    let key = |link: &Link| {
+        let (patch, back) = link.target();
+        (patch as u32) << 1 | u32::from(back)
+    };
+    let mut order: Vec<(u32, u32)> = half.links.iter().zip(0..).map(|(link, k)| (key(link), k)).collect();
+    order.sort_unstable();
+    bits.put_any(order.len() as u32);
+    if order.is_empty() {
+        return;
+    }
+    let before = std::iter::once(0).chain(order.iter().map(|o| o.0));
+    let gaps: Vec<u32> = order.iter().zip(before).map(|(o, before)| o.0 - before).collect();
+    bits.put_all(gaps.iter().copied());
+    let at = |k: &(u32, u32)| k.1 as usize;
+    write_weights(bits, order.iter().map(|k| half.weights[at(k)]));
+    if curved {
+        order.iter().for_each(|k| bits.put(octahedral::pack_16(half.links[at(k)].direction()), 16));
+    }
+    let mut place = vec![0; order.len()];
+    order.iter().zip(0..).for_each(|(k, now)| place[at(k)] = now);
+    write_tints(bits, half.tints.iter().map(|(k, tint)| (place[*k as usize], *tint)));
+}
+
+fn write_sky(bits: &mut BitWriter, half: &Half) {
+    bits.put_any(half.sky.len() as u32);
+    if half.sky.is_empty() {
+        return;
+    }
+    write_weights(bits, half.sky_weights.iter().copied());
+    half.sky.iter().for_each(|link| bits.put(octahedral::pack_16(link.direction()), 16));
+    write_tints(bits, half.sky_tints.iter().copied());
+}
+
+fn write_weights(bits: &mut BitWriter, weights: impl ExactSizeIterator<Item = f32> + Clone) {
+    let largest = weights.clone().fold(0.0, f32::max);
+    let step =
+        |w: f32| (STEPS * (largest / w.max(f32::MIN_POSITIVE)).log2()).round().clamp(0.0, LAST_STEP as f32) as u32;
+    bits.put(weights.clone().sum::<f32>().to_bits(), 32);
+    let steps: Vec<u32> = weights.map(step).collect();
+    bits.put_all(steps.iter().copied());
+}
+
+fn write_tints(bits: &mut BitWriter, tints: impl Iterator<Item = (u32, Rgb)>) {
+    let mut tints: Vec<(u32, Rgb)> = tints.collect();
+    tints.sort_unstable_by_key(|t| t.0);
+    bits.put_any(tints.len() as u32);
+    for (k, tint) in tints {
+        bits.put_any(k);
+        tint.to_array().into_iter().for_each(|v| bits.put(u32::from(f16::from_f32(v).to_bits()), 16));
+    }
+}
+
+/// A block's bytes, while they are read.
+struct Reading<'a> {
+    bits: BitReader<'a>,
+    block: &'a Block,
+    lit: &'a Lit<'a>,
+    /// Form factors by step, relative to the largest.
+    shares: &'a [f32; LAST_STEP as usize + 1],
+}
+
+impl Reading<'_> {
+    fn sampled(mut self) -> Option<Sampled> {
+        let (hemisphere, areas) = (self.bits.get_any()?, self.bits.get_any()?);
+        let mut sampled = Sampled { drawn: Drawn::of(hemisphere, areas), ..Sampled::default() };
+        if hemisphere.checked_add(areas)? == 0 {
+            return Some(sampled);
+        }
+        let normals = self.bits.get_any()?;
+        let normals = (0..normals).map(|_| Some(octahedral::unpack(self.bits.get(32)?)));
+        sampled.drawn.normals = Normals(normals.collect::<Option<_>>()?);
+        let curved = self.bits.get(1)? == 1;
+        for half in &mut sampled.halves {
+            self.links(half, curved)?;
+            self.sky(half)?;
+            half.lost = self.bits.get_any()?;
+        }
+        Some(sampled)
+    }
+
+    fn links(&mut self, half: &mut Half, curved: bool) -> Option<()> {
+        let count = self.bits.get_any()? as usize;
+        if count == 0 {
+            return Some(());
+        }
+        let Self { block, lit, .. } = *self;
+        let positions = &lit.ground.patches.position;
+        // Where one value does for all normals, moments alone ask where light comes from.
+        let is_asked = !curved && lit.params.moments;
+        let mut key = 0u32;
+        // A number that is no count of links ends with the bits.
+        half.links.reserve_exact(count.min(1 << 16));
+        self.bits.get_all(count, |gap| {
+            key = key.checked_add(gap)?;
+            let (patch, back) = ((key >> 1) as usize, key & 1 == 1);
+            let position = positions.get(patch)?;
+            let direction = if is_asked { way(block, *position) } else { block.normal };
+            half.links.push(Link::new(patch, back, direction, 0.0));
+            Some(())
+        })?;
+        self.weights(count, &mut half.weights)?;
+        if curved {
+            for link in &mut half.links {
+                let (patch, back) = link.target();
+                *link = Link::new(patch, back, octahedral::unpack_16(self.bits.get(16)?), 0.0);
+            }
+        }
+        self.tints(count, &mut half.tints)
+    }
+
+    fn sky(&mut self, half: &mut Half) -> Option<()> {
+        let count = self.bits.get_any()? as usize;
+        if count == 0 {
+            return Some(());
+        }
+        self.weights(count, &mut half.sky_weights)?;
+        half.sky.reserve_exact(count);
+        for _ in 0..count {
+            half.sky.push(SkyLink::new(octahedral::unpack_16(self.bits.get(16)?), Found::NOTHING));
+        }
+        self.tints(count, &mut half.sky_tints)
+    }
+
+    fn weights(&mut self, count: usize, weights: &mut Vec<f32>) -> Option<()> {
+        let sum = f32::from_bits(self.bits.get(32)?);
+        weights.reserve_exact(count.min(1 << 16));
+        self.bits.get_all(count, |step| {
+            weights.push(*self.shares.get(step as usize)?);
+            Some(())
+        })?;
+        let scale = sum / weights.iter().sum::<f32>();
+        weights.iter_mut().for_each(|w| *w *= scale);
+        scale.is_finite().then_some(())
+    }
+
+    fn tints(&mut self, count: usize, tints: &mut Vec<(u32, Rgb)>) -> Option<()> {
+        for _ in 0..self.bits.get_any()? {
+            let k = self.bits.get_any().filter(|k| (*k as usize) < count)?;
+            let mut channel = || Some(f16::from_bits(self.bits.get(16)? as u16).to_f32());
+            tints.push((k, Rgb::new(channel()?, channel()?, channel()?)));
+        }
+        Some(())
+    }
+}
+
+/// The direction from the middle of `block` to `position`, above its horizon.
+fn way(block: &Block, position: Vec3) -> Vec3 {
+    let direction = (position - block.centre).try_normalize().unwrap_or(block.normal);
+    let below = LEAST_COS - direction.dot(block.normal);
+    if below > 0.0 { (direction + block.normal * below).normalize() } else { direction }
+}
