@@ -65,6 +65,16 @@ pub struct Direct {
     pub rays: u64,
 }
 
+impl Direct {
+    /// With `other` added.
+    pub fn plus(self, other: &Self) -> Self {
+        let sum = |a: &[Rgb], b: &dyn Fn(usize) -> Rgb| -> Vec<Rgb> { (0..a.len()).map(|i| a[i] + b(i)).collect() };
+        let transport = Arc::new(sum(&self.transport, &|i| other.transport[i]));
+        let shown = Sparse::new(Arc::clone(&transport), (0..transport.len()).map(|i| self.shown[i] + other.shown[i]));
+        Self { shown, transport, inflow: self.inflow + other.inflow, rays: self.rays + other.rays }
+    }
+}
+
 /// Blocks of 2^3 texels a side share a cut through the light tree and the rays of a glance.
 pub(super) const BLOCK_LEVEL: u32 = 3;
 /// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.

@@ -45,7 +45,7 @@ pub struct Lights {
 }
 
 /// Something that shines.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shining {
     /// A light, by its number in the scene.
     Light(usize),

@@ -23,6 +23,8 @@ pub struct Part {
     pub group: Option<Arc<str>>,
     /// Baked or indirect.
     pub mode: BakeMode,
+    /// What shines in it.
+    pub shining: Vec<Shining>,
     pub lights: Lights,
 }
 
@@ -57,10 +59,55 @@ pub fn parts(scene: &Scene, by_group: bool) -> Vec<Part> {
             other => key(other) == own,
         };
         let lights = Lights::of(scene, holds);
+        let shining = all_shining(scene).filter(|shining| holds(*shining)).collect();
         let (_, group, mode) = own;
-        (!lights.is_empty()).then_some(Part { group, mode, lights })
+        (!lights.is_empty()).then_some(Part { group, mode, shining, lights })
     };
     keys.into_iter().filter(|key| key.2 != BakeMode::Dynamic).filter_map(part).collect()
+}
+
+/// Everything that shines in `scene`.
+fn all_shining(scene: &Scene) -> impl Iterator<Item = Shining> {
+    let glowing = (0..scene.materials.len()).filter(|&m| scene.materials[m].is_emissive()).map(Shining::Material);
+    let skies = scene.environment.iter().flat_map(Environment::each).enumerate().map(|(k, _)| Shining::Sky(k));
+    (0..scene.lights.len()).map(Shining::Light).chain(glowing).chain(skies)
+}
+
+/// Lights whose direct light is found on its own, at most, but for the sky.
+const MOST_UNITS: usize = 24;
+
+/// `shining` cut into units whose direct light is found, and kept, on its own: one a light, several where there are very many; the sky
+/// as a whole.
+fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
+    let (skies, others): (Vec<Shining>, Vec<Shining>) = shining.iter().partition(|s| matches!(s, Shining::Sky(_)));
+    let size = others.len().div_ceil(MOST_UNITS).max(1);
+    others.chunks(size).map(<[Shining]>::to_vec).chain((!skies.is_empty()).then_some(skies)).collect()
+}
+
+/// The direct light of `shining`, which is that of `lit`: the sum over its units.
+fn direct_of(lit: &Lit, shining: &[Shining], progress: &dyn Progress) -> Result<Direct> {
+    let scene = lit.ground.scene;
+    let units = units(shining);
+    if units.len() < 2 {
+        return direct(lit, progress);
+    }
+    let mut sum: Option<Direct> = None;
+    for unit in &units {
+        let is_own = |shining: Shining| unit.contains(&shining);
+        let lights = Lights::of(scene, is_own);
+        if lights.is_empty() {
+            continue;
+        }
+        let found = direct(&Lit { lights: &lights, ..*lit }, progress)?;
+        sum = Some(match sum {
+            None => found,
+            Some(sum) => sum.plus(&found),
+        });
+    }
+    match sum {
+        Some(sum) => Ok(sum),
+        None => direct(lit, progress),
+    }
 }
 
 /// The first sky that takes part in the bake: the others are taken as it is.
@@ -103,14 +150,17 @@ pub struct Apart {
 /// `Cancelled`.
 pub fn direct_apart(lit: &Lit, parts: &[Part], keep: bool, progress: &dyn Progress) -> Result<Apart> {
     if parts.is_empty() {
-        return Ok(Apart { whole: direct(lit, progress)?, left_out: None, each: Vec::new() });
+        let scene = lit.ground.scene;
+        let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
+        let shining: Vec<Shining> = all_shining(scene).filter(takes_part).collect();
+        return Ok(Apart { whole: direct_of(lit, &shining, progress)?, left_out: None, each: Vec::new() });
     }
     let count = lit.ground.patches.len();
     let (mut transport, mut shown) = (vec![Rgb::ZERO; count], vec![Rgb::ZERO; count]);
     let mut left_out = None;
     let (mut inflow, mut rays, mut each) = (DVec3::ZERO, 0, Vec::new());
     for part in parts {
-        let found = direct(&Lit { lights: &part.lights, ..*lit }, progress)?;
+        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, progress)?;
         add(&mut transport, |i| found.transport[i]);
         let slot = match part.mode {
             BakeMode::Indirect => left_out.get_or_insert_with(|| vec![Rgb::ZERO; count]),
