@@ -39,6 +39,7 @@ pub mod scene;
 pub mod sensor;
 pub mod settings;
 pub mod solve;
+pub mod store;
 pub mod subdivide;
 pub mod trace;
 pub mod transport;
