@@ -104,6 +104,8 @@ pub struct BakeArgs {
     pub vertices: VertexArgs,
     #[command(flatten)]
     pub running: RunningArgs,
+    #[command(flatten)]
+    pub cache: CacheArgs,
 }
 
 /// `lumel unwrap`.

@@ -18,9 +18,12 @@ use super::shoot::Sampled;
 use crate::color::Rgb;
 use crate::light::Lit;
 use crate::sample::octahedral;
+use crate::store::Entry;
+use crate::work::Stored;
 use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Steps of an octave in which form factors are told, and the last of them.
 const STEPS: f32 = 8.0;
@@ -101,6 +104,36 @@ impl Kept {
             Reading { bits, block: &blocks.list[b], lit, shares: &shares }.sampled()
         };
         (0..self.ends.len()).into_par_iter().with_max_len(SHARE).map(read).collect()
+    }
+}
+
+impl Stored for Kept {
+    fn sections(&self) -> Vec<Cow<'_, [u8]>> {
+        let head: Vec<u8> = [u64::from(self.gain.to_bits()), self.rays]
+            .into_iter()
+            .chain(self.flux.map(f64::to_bits))
+            .flat_map(u64::to_le_bytes)
+            .collect();
+        let lists = [&self.ends, &self.back_patches, &self.back_blocks].map(|list| bytemuck::cast_slice(list));
+        let light: &[u8] = bytemuck::cast_slice(&self.irradiance);
+        let bytes = [&self.shapes[..], &self.links, light].into_iter().chain(lists);
+        [Cow::Owned(head)].into_iter().chain(bytes.map(Cow::Borrowed)).collect()
+    }
+
+    fn restore(entry: &Entry) -> Option<Self> {
+        let &[gain, rays, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
+        let list = |k: usize| Some(entry.slice::<u32>(k).ok()?.to_vec());
+        Some(Self {
+            shapes: entry.section(1).to_vec(),
+            links: entry.section(2).to_vec(),
+            irradiance: entry.slice::<Rgb>(3).ok()?.to_vec(),
+            ends: list(4)?,
+            back_patches: list(5)?,
+            back_blocks: list(6)?,
+            flux: flux.iter().map(|bits| f64::from_bits(*bits)).collect::<Vec<_>>().try_into().ok()?,
+            gain: f32::from_bits(gain as u32),
+            rays,
+        })
     }
 }
 

@@ -54,6 +54,16 @@ impl Link {
     pub fn direction(&self) -> Vec3 {
         octahedral::unpack(self.direction)
     }
+
+    /// As it is put down.
+    pub fn to_words(self) -> [u32; 3] {
+        [self.target, self.direction, self.pdf_area.to_bits()]
+    }
+
+    /// The link that was put down so.
+    pub fn from_words([target, direction, pdf]: [u32; 3]) -> Self {
+        Self { target, direction, pdf_area: f32::from_bits(pdf) }
+    }
 }
 
 impl SkyLink {
@@ -65,6 +75,16 @@ impl SkyLink {
     /// Unit, away from the block.
     pub fn direction(&self) -> Vec3 {
         octahedral::unpack(self.direction)
+    }
+
+    /// As it is put down.
+    pub fn to_words(self) -> [u32; 3] {
+        [self.direction, u32::from(self.known.cluster), self.known.pdf.to_bits()]
+    }
+
+    /// The link that was put down so.
+    pub fn from_words([direction, cluster, pdf]: [u32; 3]) -> Self {
+        Self { direction, known: Found { cluster: cluster as u16, pdf: f32::from_bits(pdf) } }
     }
 }
 

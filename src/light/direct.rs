@@ -102,7 +102,6 @@ pub(super) const MOST_ROUNDS: usize = 16;
 pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
     let patches = lit.ground.patches;
     let has_sky = lit.lights.has_sharp_sky();
-    progress.begin("direct", patches.len() as u64 * if has_sky { 3 } else { 1 });
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
     let (mut arriving, mut ballots) = (Vec::with_capacity(patches.len()), Vec::with_capacity(patches.len()));
     let mut around = Vec::with_capacity(blocks.len());

@@ -7,6 +7,7 @@ pub mod delta;
 pub mod direct;
 pub mod emitter;
 pub mod incident;
+pub mod kept;
 pub mod mask;
 pub mod parts;
 mod penumbra;

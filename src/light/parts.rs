@@ -84,30 +84,23 @@ fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
     others.chunks(size).map(<[Shining]>::to_vec).chain((!skies.is_empty()).then_some(skies)).collect()
 }
 
+/// How the direct light of a unit is had: found by the function that is given, or remembered.
+pub type Find<'a> = dyn Fn(&[Shining], &dyn Fn() -> Result<Direct>) -> Result<Direct> + 'a;
+
 /// The direct light of `shining`, which is that of `lit`: the sum over its units.
-fn direct_of(lit: &Lit, shining: &[Shining], progress: &dyn Progress) -> Result<Direct> {
-    let scene = lit.ground.scene;
-    let units = units(shining);
-    if units.len() < 2 {
-        return direct(lit, progress);
-    }
+fn direct_of(lit: &Lit, shining: &[Shining], find: &Find, progress: &dyn Progress) -> Result<Direct> {
     let mut sum: Option<Direct> = None;
-    for unit in &units {
-        let is_own = |shining: Shining| unit.contains(&shining);
-        let lights = Lights::of(scene, is_own);
-        if lights.is_empty() {
-            continue;
-        }
-        let found = direct(&Lit { lights: &lights, ..*lit }, progress)?;
+    for unit in &units(shining) {
+        let found = find(unit, &|| {
+            let lights = Lights::of(lit.ground.scene, |shining| unit.contains(&shining));
+            direct(&Lit { lights: &lights, ..*lit }, progress)
+        })?;
         sum = Some(match sum {
             None => found,
             Some(sum) => sum.plus(&found),
         });
     }
-    match sum {
-        Some(sum) => Ok(sum),
-        None => direct(lit, progress),
-    }
+    sum.map_or_else(|| direct(lit, progress), Ok)
 }
 
 /// The first sky that takes part in the bake: the others are taken as it is.
@@ -144,23 +137,25 @@ pub struct Apart {
     pub each: Vec<Direct>,
 }
 
-/// The direct light of `parts`, each on its own where `keep`.
+/// The direct light of `parts`, each on its own where `keep`; that of its units is had by `find`.
 ///
 /// # Errors
-/// `Cancelled`.
-pub fn direct_apart(lit: &Lit, parts: &[Part], keep: bool, progress: &dyn Progress) -> Result<Apart> {
+/// Those of `find`; `Cancelled`.
+pub fn direct_apart(lit: &Lit, parts: &[Part], keep: bool, find: &Find, progress: &dyn Progress) -> Result<Apart> {
+    let units = if parts.is_empty() { 1 } else { parts.len() };
+    progress.begin("direct", (units * lit.ground.patches.len()) as u64);
     if parts.is_empty() {
         let scene = lit.ground.scene;
         let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
         let shining: Vec<Shining> = all_shining(scene).filter(takes_part).collect();
-        return Ok(Apart { whole: direct_of(lit, &shining, progress)?, left_out: None, each: Vec::new() });
+        return Ok(Apart { whole: direct_of(lit, &shining, find, progress)?, left_out: None, each: Vec::new() });
     }
     let count = lit.ground.patches.len();
     let (mut transport, mut shown) = (vec![Rgb::ZERO; count], vec![Rgb::ZERO; count]);
     let mut left_out = None;
     let (mut inflow, mut rays, mut each) = (DVec3::ZERO, 0, Vec::new());
     for part in parts {
-        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, progress)?;
+        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, find, progress)?;
         add(&mut transport, |i| found.transport[i]);
         let slot = match part.mode {
             BakeMode::Indirect => left_out.get_or_insert_with(|| vec![Rgb::ZERO; count]),

@@ -20,8 +20,11 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
+use crate::store::Entry;
 use crate::trace::{Hit, Ray};
+use crate::work::Stored;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Blocks of 2^1 texels a side are probed together.
@@ -93,6 +96,70 @@ impl Exposure {
 /// # Errors
 /// `Cancelled`.
 pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<Exposure> {
+    Ok(Openings::find(ground, seed, progress)?.expose(ground))
+}
+
+/// What lies in the open of those patches that don't as a whole.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Openings {
+    /// Ascending patches, and their open cells.
+    cells: Vec<[u32; 2]>,
+    /// The share of the area of each.
+    shares: Vec<f32>,
+    rays: u64,
+}
+
+impl Openings {
+    /// The exposure of the patches of `ground`.
+    pub fn expose(&self, ground: &Ground) -> Exposure {
+        let patches = ground.patches;
+        let mut area = patches.area.clone();
+        let mut cells = vec![CellMask::ALL; patches.len()];
+        for (&[i, open], share) in self.cells.iter().zip(&self.shares) {
+            cells[i as usize] = CellMask(open as u16);
+            area[i as usize] *= share;
+        }
+        let stops = Stops::new(ground);
+        if let Some(stops) = &stops {
+            area.iter_mut().enumerate().for_each(|(i, area)| *area *= stops.share(i));
+        }
+        Exposure { cells, area, stops, rays: self.rays }
+    }
+
+    /// True where all are of `patches` patches.
+    pub fn fit(&self, patches: usize) -> bool {
+        self.cells.len() == self.shares.len() && self.cells.last().is_none_or(|last| (last[0] as usize) < patches)
+    }
+
+    /// Finds them.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn find(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<Self> {
+        let (openings, rays) = find(ground, seed, progress)?;
+        let partly = || openings.iter().zip(0..).filter(|(opening, _)| **opening != Opening::ALL);
+        Ok(Self {
+            cells: partly().map(|(opening, i)| [i, u32::from(opening.cells.0)]).collect(),
+            shares: partly().map(|(opening, _)| opening.share).collect(),
+            rays,
+        })
+    }
+}
+
+impl Stored for Openings {
+    fn sections(&self) -> Vec<Cow<'_, [u8]>> {
+        let bytes = [bytemuck::cast_slice(&self.cells), bytemuck::cast_slice(&self.shares)];
+        bytes.map(Cow::Borrowed).into_iter().chain([Cow::Owned(self.rays.to_le_bytes().to_vec())]).collect()
+    }
+
+    fn restore(entry: &Entry) -> Option<Self> {
+        let cells = entry.slice::<[u32; 2]>(0).ok()?.to_vec();
+        let &[rays] = entry.slice::<u64>(2).ok()? else { return None };
+        cells.is_sorted().then_some(Self { cells, shares: entry.slice::<f32>(1).ok()?.to_vec(), rays })
+    }
+}
+
+fn find(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<(Vec<Opening>, u64)> {
     let patches = ground.patches;
     progress.begin("unocclude", patches.len() as u64);
     let blocks = ground.blocks(BLOCK_LEVEL);
@@ -126,14 +193,7 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
         }
     }
     leave_inside_out_charts(ground, &mut openings);
-    let open = |(area, opening): (&f32, &Opening)| area * opening.share;
-    let mut area: Vec<f32> = patches.area.iter().zip(&openings).map(open).collect();
-    let cells = openings.into_iter().map(|opening| opening.cells).collect();
-    let stops = Stops::new(ground);
-    if let Some(stops) = &stops {
-        area.iter_mut().enumerate().for_each(|(i, area)| *area *= stops.share(i));
-    }
-    Ok(Exposure { cells, area, stops, rays })
+    Ok((openings, rays))
 }
 
 fn leave_inside_out_charts(ground: &Ground, openings: &mut [Opening]) {

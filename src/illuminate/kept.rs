@@ -1,0 +1,98 @@
+//! What of the light of a scene is remembered from bake to bake: openings of texels, the direct light of each lamp, and what blocks see.
+
+use crate::blocks::kept::Kept;
+use crate::blocks::{BlockParams, Seen, look};
+use crate::color::Rgb;
+use crate::digest;
+use crate::error::Result;
+use crate::light::direct::DirectParams;
+use crate::light::kept::KeptLight;
+use crate::light::{Direct, Lit, Shining};
+use crate::patch::Ground;
+use crate::patch::unocclude::{Exposure, Openings};
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::store::Hasher;
+use crate::unwrap::Atlas;
+use crate::work::Work;
+
+/// What all that is remembered depends on: the ways of rays and the places of texels.
+pub fn add_base(hasher: &mut Hasher, scene: &Scene, atlas: &Atlas) {
+    hasher.add_str(env!("CARGO_PKG_VERSION"));
+    hasher.add_key(digest::geometry(scene));
+    hasher.add_key(digest::atlas(atlas));
+}
+
+/// What of patches lies in the open.
+///
+/// # Errors
+/// `Cancelled`; `Io`.
+pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) -> Result<Exposure> {
+    let find = || Openings::find(ground, seed, progress);
+    let openings = work.once("openings", |hasher| hasher.add_u64(u64::from(seed)), find)?;
+    let openings = if openings.fit(ground.patches.len()) { openings } else { find()? };
+    Ok(openings.expose(ground))
+}
+
+/// The direct light of a unit of lamps, which `find` finds.
+///
+/// # Errors
+/// Those of `find`; `Io`.
+pub fn direct_of(lit: &Lit, unit: &[Shining], find: &dyn Fn() -> Result<Direct>, work: &Work) -> Result<Direct> {
+    let scene = lit.ground.scene;
+    let each: Vec<_> = unit.iter().map(|&shining| digest::shining(scene, shining)).collect();
+    // Several lamps have no strength in common.
+    let strength = if let [(_, strength)] = each[..] { strength } else { Rgb::ONE };
+    let add = |hasher: &mut Hasher| {
+        hasher.add_debug(&DirectParams { moments: false, ..lit.params.clone() });
+        // A channel that is dark tells nothing of what it would be.
+        hasher.add_debug(&strength.cmpgt(Rgb::ZERO));
+        for (key, own) in &each {
+            hasher.add_key(*key);
+            if each.len() > 1 {
+                hasher.add_slice(&own.to_array());
+            }
+        }
+    };
+    let make = || Ok(KeptLight::new(&find()?, strength));
+    let patches = lit.ground.patches.len();
+    match work.once("direct", add, make)?.light(strength, patches) {
+        Some(light) => Ok(light),
+        None => find(),
+    }
+}
+
+/// What blocks see, and whether it was found just now, in the light of `lit`.
+pub struct Sight {
+    pub seen: Seen,
+    pub is_fresh: bool,
+}
+
+/// What blocks see: remembered, unless it is to be found `anew`.
+///
+/// # Errors
+/// `Cancelled`; `Io`; `Awaited`.
+pub fn see(
+    lit: &Lit,
+    direct: &Direct,
+    params: &BlockParams,
+    anew: bool,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Sight> {
+    // What is wanted of the light, and how often it is reflected, changes nothing of what is seen.
+    let base = BlockParams { layers: false, halves: false, max_bounces: None, ..params.clone() };
+    let add = |hasher: &mut Hasher| {
+        hasher.add_debug(&base);
+        hasher.add_u64(u64::from(lit.params.shading_normals));
+    };
+    let mut fresh = None;
+    let make = || -> Result<Kept> {
+        let (kept, on_backs) = look(lit, direct, params, work, progress)?.parted();
+        fresh = Some(on_backs);
+        Ok(kept)
+    };
+    let kept = if anew { work.renew("links", add, make)? } else { work.once("links", add, make)? };
+    let is_fresh = fresh.is_some();
+    Ok(Sight { seen: Seen::joined(kept, fresh.flatten()), is_fresh })
+}
