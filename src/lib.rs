@@ -9,6 +9,7 @@ pub mod blocks;
 pub mod color;
 pub mod compare;
 pub mod contour;
+pub mod digest;
 pub mod energy;
 pub mod error;
 pub mod folder;
