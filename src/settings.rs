@@ -1,6 +1,6 @@
 //! What a bake is asked to do, and the presets behind it.
 
-mod bytes;
+pub mod bytes;
 mod check;
 mod outdoors;
 mod percent;
