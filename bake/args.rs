@@ -108,7 +108,7 @@ pub struct BakeArgs {
     #[command(flatten)]
     pub running: RunningArgs,
     #[command(flatten)]
-    pub cache: CacheArgs,
+    pub cache: RememberArgs,
 }
 
 /// `lumel unwrap`.

@@ -41,7 +41,7 @@ use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
 use crate::work::Work;
 use crate::write::{dump::Dump, watch::WatchFolder};
-use kept::Sight;
+use kept::{Lamps, Sight};
 use std::sync::Arc;
 
 /// How many times the error that was asked for may be estimated where what blocks see was found in other light, before they look
@@ -189,7 +189,7 @@ pub fn share(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, pro
     let Stage { tracer: _, patches: _, reflectance, emission, exposure, lights, params } = &stage;
     let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
     let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
-    let mut apart = direct_apart(&lit, &parts, false, &|unit, find| kept::direct_of(&lit, unit, find, work), progress)?;
+    let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work }, progress)?;
     caustics::add(&lit, &parts, &mut apart, settings, progress)?;
     kept::see(&lit, &apart.whole, &settings.block_params(), false, work, progress)?;
     Ok(())
@@ -307,7 +307,7 @@ fn by_blocks(
     progress: &dyn Progress,
 ) -> Result<Found> {
     let keep = settings.layers.contains(&LayerKind::LightGroups);
-    let mut apart = direct_apart(lit, parts, keep, &|unit, find| kept::direct_of(lit, unit, find, work), progress)?;
+    let mut apart = direct_apart(lit, parts, keep, &Lamps { lit, work }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, each } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
@@ -363,7 +363,7 @@ fn by_elements(
         // Backs come on top of what the settings say.
         full_matrix::refuse_too_many(elements.len())?;
     }
-    let mut apart = direct_apart(lit, parts, false, &|unit, find| kept::direct_of(lit, unit, find, work), progress)?;
+    let mut apart = direct_apart(lit, parts, false, &Lamps { lit, work }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, .. } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;

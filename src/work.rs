@@ -109,24 +109,38 @@ impl<'a> Work<'a> {
         })
     }
 
+    /// The result of `kind` that depends on the base and on what `add` adds, where there is one.
+    ///
+    /// # Errors
+    /// `Io` where the store can't be read.
+    pub fn find<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<T>> {
+        let Some(store) = self.store else { return Ok(None) };
+        Ok(store.read(kind, self.key(kind, add))?.as_ref().and_then(T::restore))
+    }
+
+    /// Keeps `result` so that [`find`](Self::find) finds it.
+    ///
+    /// # Errors
+    /// `Io` where others wait for it.
+    pub fn keep<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher), result: &T) -> Result<()> {
+        let Some(store) = self.store else { return Ok(()) };
+        self.put(store, kind, self.key(kind, add), &result.sections())
+    }
+
     /// The result of `kind` that depends on the base and on what `add` adds: from the store, else by `make`.
     ///
     /// # Errors
-    /// Those of `make`; `Io` where the store can't be read.
+    /// Those of `make`; `Io`.
     pub fn once<T: Stored>(
         &self,
         kind: &str,
-        add: impl FnOnce(&mut Hasher),
+        add: impl Fn(&mut Hasher),
         make: impl FnOnce() -> Result<T>,
     ) -> Result<T> {
-        let Some(store) = self.store else { return make() };
-        let key = self.key(kind, add);
-        if let Some(found) = store.read(kind, key)?.as_ref().and_then(T::restore) {
-            return Ok(found);
+        match self.find(kind, &add)? {
+            Some(found) => Ok(found),
+            None => self.renew(kind, add, make),
         }
-        let made = make()?;
-        self.put(store, kind, key, &made.sections())?;
-        Ok(made)
     }
 
     /// As [`once`](Self::once), by `make` in any case, in place of what there was.
@@ -140,9 +154,7 @@ impl<'a> Work<'a> {
         make: impl FnOnce() -> Result<T>,
     ) -> Result<T> {
         let made = make()?;
-        if let Some(store) = self.store {
-            self.put(store, kind, self.key(kind, add), &made.sections())?;
-        }
+        self.keep(kind, add, &made)?;
         Ok(made)
     }
 

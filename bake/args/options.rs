@@ -352,7 +352,7 @@ pub struct RunningArgs {
 #[derive(Debug, Default, clap::Args, Serialize)]
 #[command(next_help_heading = "Cache")]
 #[serde(rename_all = "kebab-case")]
-pub struct CacheArgs {
+pub struct RememberArgs {
     /// Folder of what bakes remember: the direct light of each lamp, and what blocks of texels see of one another. The next bake
     /// traces only what changed; one that was killed goes on where it was [default: .lumel in the output folder]
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]

@@ -7,6 +7,7 @@ use crate::digest;
 use crate::error::Result;
 use crate::light::direct::DirectParams;
 use crate::light::kept::KeptLight;
+use crate::light::units::Memory;
 use crate::light::{Direct, Lit, Shining};
 use crate::patch::Ground;
 use crate::patch::unocclude::{Exposure, Openings};
@@ -34,31 +35,43 @@ pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) 
     Ok(openings.expose(ground))
 }
 
-/// The direct light of a unit of lamps, which `find` finds.
-///
-/// # Errors
-/// Those of `find`; `Io`.
-pub fn direct_of(lit: &Lit, unit: &[Shining], find: &dyn Fn() -> Result<Direct>, work: &Work) -> Result<Direct> {
-    let scene = lit.ground.scene;
-    let each: Vec<_> = unit.iter().map(|&shining| digest::shining(scene, shining)).collect();
-    // Several lamps have no strength in common.
-    let strength = if let [(_, strength)] = each[..] { strength } else { Rgb::ONE };
-    let add = |hasher: &mut Hasher| {
-        hasher.add_debug(&DirectParams { moments: false, ..lit.params.clone() });
+/// Remembers the direct light of lamps.
+pub struct Lamps<'a> {
+    pub lit: &'a Lit<'a>,
+    pub work: &'a Work<'a>,
+}
+
+/// The kind of results that the direct light of lamps is.
+const DIRECT: &str = "direct";
+
+impl Lamps<'_> {
+    /// Adds what the light of `unit` at a strength of 1 depends on.
+    fn add(&self, unit: &[Shining], hasher: &mut Hasher) {
+        let each: Vec<_> = unit.iter().map(|&shining| digest::shining(self.lit.ground.scene, shining)).collect();
+        hasher.add_debug(&DirectParams { moments: false, ..self.lit.params.clone() });
         // A channel that is dark tells nothing of what it would be.
-        hasher.add_debug(&strength.cmpgt(Rgb::ZERO));
+        hasher.add_debug(&self.strength(unit).cmpgt(Rgb::ZERO));
         for (key, own) in &each {
             hasher.add_key(*key);
             if each.len() > 1 {
                 hasher.add_slice(&own.to_array());
             }
         }
-    };
-    let make = || Ok(KeptLight::new(&find()?, strength));
-    let patches = lit.ground.patches.len();
-    match work.once("direct", add, make)?.light(strength, patches) {
-        Some(light) => Ok(light),
-        None => find(),
+    }
+}
+
+impl Memory for Lamps<'_> {
+    fn strength(&self, unit: &[Shining]) -> Rgb {
+        // Several lamps have no strength in common.
+        if let [shining] = *unit { digest::shining(self.lit.ground.scene, shining).1 } else { Rgb::ONE }
+    }
+
+    fn recall(&self, unit: &[Shining]) -> Result<Option<KeptLight>> {
+        self.work.find(DIRECT, |hasher| self.add(unit, hasher))
+    }
+
+    fn keep(&self, unit: &[Shining], light: &KeptLight) -> Result<()> {
+        self.work.keep(DIRECT, |hasher| self.add(unit, hasher), light)
     }
 }
 

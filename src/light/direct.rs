@@ -79,6 +79,8 @@ impl Direct {
 pub(super) const BLOCK_LEVEL: u32 = 3;
 /// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.
 pub(super) const SHARE: usize = 8;
+/// One of so many blocks tells about the light of all.
+const GLIMPSED: usize = 16;
 /// Blocks that are glanced at before what was seen is put away.
 const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
@@ -100,6 +102,44 @@ pub(super) const MOST_ROUNDS: usize = 16;
 /// # Errors
 /// `Cancelled`.
 pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
+    direct_beside(lit, &[], progress)
+}
+
+/// About the direct light that falls on patches, added up [lm], by channel: from a first look at some of them.
+///
+/// # Errors
+/// `Cancelled`.
+pub(super) fn glimpse_flux(lit: &Lit, progress: &dyn Progress) -> Result<DVec3> {
+    let blocks = lit.ground.blocks(BLOCK_LEVEL);
+    let some: Vec<&Range<usize>> = blocks.iter().step_by(GLIMPSED).collect();
+    let has_sky = lit.lights.has_sharp_sky();
+    let of_block = |block: &&Range<usize>| {
+        progress.check()?;
+        let all: Vec<usize> = (*block).clone().collect();
+        let found = at_block(lit, block, &all, |sight, emitters, sites| {
+            let mut found = glance(sight, emitters, sites, &mut Volley::default());
+            if has_sky {
+                for ((sum, _), site) in found.iter_mut().zip(sites) {
+                    sum.transport += skylight::look(sight, site.receiver, SkyLook::FIRST).arriving.transport;
+                }
+            }
+            found
+        });
+        let flux = all
+            .iter()
+            .zip(&found)
+            .map(|(&i, (arriving, _))| arriving.transport.as_dvec3() * f64::from(lit.exposure.area[i]));
+        Ok(flux.sum::<DVec3>())
+    };
+    let each: Vec<DVec3> = some.par_iter().with_max_len(SHARE).map(of_block).collect::<Result<_>>()?;
+    Ok(each.iter().sum::<DVec3>() * GLIMPSED as f64)
+}
+
+/// As [`direct`], where `beside` it there is other light [lx], by patch: shadows are looked at less closely in it. Empty: none.
+///
+/// # Errors
+/// `Cancelled`.
+pub(super) fn direct_beside(lit: &Lit, beside: &[Rgb], progress: &dyn Progress) -> Result<Direct> {
     let patches = lit.ground.patches;
     let has_sky = lit.lights.has_sharp_sky();
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
@@ -121,6 +161,10 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
             arriving.push(arrived);
             ballots.push(ballot);
         }
+    }
+    for (around, block) in around.iter_mut().zip(&blocks) {
+        let others = beside.get(block.clone()).unwrap_or_default();
+        *around += others.iter().map(|e| luminance(*e)).sum::<f32>() / block.len() as f32;
     }
     let close = Close { lit, blocks: &blocks, around: &around, progress };
     let noise = close.follow(ballots, &mut arriving)?;

@@ -27,6 +27,10 @@ pub struct KeptLight {
     /// Flux from lights that are no surface [lm].
     inflow: [f64; 3],
     rays: u64,
+    /// About the flux to patches [lm].
+    flux: [f64; 3],
+    /// How many times as much other light there was beside it when it was found.
+    pub beside: f64,
 }
 
 /// Colours of some of many patches.
@@ -46,21 +50,29 @@ fn over(value: Rgb, strength: Rgb) -> Rgb {
 }
 
 impl KeptLight {
-    /// What is kept of `direct`, which lamps of the strength `strength` cause.
-    pub fn new(direct: &Direct, strength: Rgb) -> Self {
+    /// What is kept of `direct`, which lamps of the strength `strength` cause: about `flux` [lm], with `beside` times as much other light
+    /// around.
+    pub fn new(direct: &Direct, strength: Rgb, flux: DVec3, beside: f64) -> Self {
         let unit = |value: Rgb| over(value, strength);
         let has = strength.cmpgt(Rgb::ZERO);
         let is_lit = |i: usize| direct.transport[i] != Rgb::ZERO;
         let differs =
             |i: usize| direct.shown[i].to_array().map(f32::to_bits) != direct.transport[i].to_array().map(f32::to_bits);
         let count = direct.transport.len();
-        let inflow: DVec3 = DVec3::select(has.into(), direct.inflow / strength.as_dvec3(), DVec3::ZERO);
+        let unit_sum = |sum: DVec3| DVec3::select(has, sum / strength.as_dvec3(), DVec3::ZERO).to_array();
         Self {
             transport: Values::new(count, is_lit, |i| unit(direct.transport[i]), has),
             shown: Values::new(count, differs, |i| unit(direct.shown[i]), has),
-            inflow: inflow.to_array(),
+            inflow: unit_sum(direct.inflow),
             rays: direct.rays,
+            flux: unit_sum(flux),
+            beside,
         }
+    }
+
+    /// About the flux to patches [lm] of lamps of the strength `strength`.
+    pub fn flux(&self, strength: Rgb) -> DVec3 {
+        DVec3::from_array(self.flux) * strength.as_dvec3()
     }
 
     /// The light of lamps of the strength `strength` on so many patches; `None` where this is of others.
@@ -140,7 +152,7 @@ impl Stored for KeptLight {
     fn sections(&self) -> Vec<Cow<'_, [u8]>> {
         let head: Vec<u8> = [self.transport.count, self.shown.count, self.rays]
             .into_iter()
-            .chain(self.inflow.map(f64::to_bits))
+            .chain([self.inflow, self.flux].concat().into_iter().chain([self.beside]).map(f64::to_bits))
             .flat_map(u64::to_le_bytes)
             .collect();
         let words = |values: &'_ Values| Cow::Owned(bytemuck::cast_slice(&values.some).to_vec());
@@ -154,15 +166,19 @@ impl Stored for KeptLight {
     }
 
     fn restore(entry: &Entry) -> Option<Self> {
-        let &[lit, differing, rays, x, y, z] = entry.slice::<u64>(0).ok()? else { return None };
+        let &[lit, differing, rays, ref numbers @ ..] = entry.slice::<u64>(0).ok()? else { return None };
+        let numbers: Vec<f64> = numbers.iter().map(|bits| f64::from_bits(*bits)).collect();
+        let &[x, y, z, r, g, b, beside] = &numbers[..] else { return None };
         let values = |count: u64, k: usize| {
             Some(Values { count, some: entry.slice::<u64>(k).ok()?.to_vec(), bytes: entry.section(k + 1).to_vec() })
         };
         Some(Self {
             transport: values(lit, 1)?,
             shown: values(differing, 3)?,
-            inflow: [x, y, z].map(f64::from_bits),
+            inflow: [x, y, z],
             rays,
+            flux: [r, g, b],
+            beside,
         })
     }
 }
@@ -182,7 +198,7 @@ mod tests {
     fn light_comes_back_at_another_strength() {
         let strength = Rgb::new(3.0, 2.0, 0.0);
         let shape = |i: usize| if i % 3 == 0 { 0.0 } else { 1.0 / (1.0 + i as f32) };
-        let grey = KeptLight::new(&direct(|i| strength * shape(i)), strength);
+        let grey = KeptLight::new(&direct(|i| strength * shape(i)), strength, DVec3::ONE, 2.0);
         assert_eq!(grey.transport.bytes.len(), 3 * (0..1000).filter(|i| i % 3 != 0).count(), "one channel does");
         let other = Rgb::new(1.0, 5.0, 0.0);
         let light = grey.light(other, 1000).unwrap();
@@ -194,7 +210,7 @@ mod tests {
         }
         assert!((light.inflow - DVec3::new(1.0, 5.0, 0.0)).abs().max_element() < 1e-12);
         assert!(grey.light(other, 999).is_none(), "of other patches");
-        let tinted = KeptLight::new(&direct(|i| Rgb::new(1.0, 0.5, 0.25) * shape(i)), Rgb::ONE);
+        let tinted = KeptLight::new(&direct(|i| Rgb::new(1.0, 0.5, 0.25) * shape(i)), Rgb::ONE, DVec3::ONE, 0.0);
         let light = tinted.light(Rgb::ONE, 1000).unwrap();
         assert!((light.transport[1] - Rgb::new(0.5, 0.25, 0.125)).abs().max_element() < 1e-5);
     }

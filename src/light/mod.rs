@@ -21,6 +21,7 @@ pub mod sky;
 mod skylight;
 pub mod terminator;
 pub mod tree;
+pub mod units;
 
 pub use direct::{Direct, direct};
 pub use incident::incident;
