@@ -41,9 +41,9 @@ pub fn geometry(scene: &Scene) -> Key {
             h.add_key(body.key);
             h.add_slice(&body.materials);
         }
-        for surface in surfaces {
+        for (surface, key) in surfaces.iter().zip(bodies.surfaces(surfaces)) {
             h.add_u64(surface.mesh as u64);
-            h.add_key(bodies.surface(surface));
+            h.add_key(key);
         }
     })
 }
@@ -58,7 +58,7 @@ pub fn surface(scene: &Scene, surface: usize) -> Key {
 /// The keys that [`surface`] gives for all surfaces, in order; meshes in common are read once.
 pub fn surfaces(scene: &Scene) -> Vec<Key> {
     let bodies = Bodies::new(scene, scene.surfaces.iter().map(|s| s.mesh));
-    scene.surfaces.iter().map(|surface| bodies.surface(surface)).collect()
+    bodies.surfaces(&scene.surfaces)
 }
 
 /// The key of what a mesh holds: positions, normals, UVs, triangles, and the numbers of their materials; not colours, nor where it came
@@ -161,6 +161,11 @@ impl Bodies {
             (m, Body { key, materials })
         };
         Self(split.into_par_iter().map(body).collect::<Vec<_>>().into_iter().collect())
+    }
+
+    /// The keys of surfaces of the meshes, in order.
+    fn surfaces(&self, surfaces: &[Surface]) -> Vec<Key> {
+        surfaces.par_iter().map(|surface| self.surface(surface)).collect()
     }
 
     /// The key of a surface of one of the meshes.
