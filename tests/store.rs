@@ -380,7 +380,9 @@ fn write_on() {
     let store = Store::open(Path::new(&folder)).unwrap();
     let bytes = noise(3 << 20);
     println!("begins");
-    (0..).for_each(|n| store.write("part", key(n % 3), &[&bytes, &n.to_le_bytes()]).unwrap());
+    for n in 0..u64::MAX {
+        store.write("part", key(n % 3), &[&bytes, &n.to_le_bytes()]).unwrap();
+    }
 }
 
 #[test]
