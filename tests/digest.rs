@@ -420,3 +420,16 @@ fn real_scenes_are_hashed_at_once() {
         assert!(seconds < 1.0, "{seconds} s");
     }
 }
+
+#[test]
+fn many_instances_are_hashed_at_once() {
+    let mut scene = scene();
+    scene.surfaces = (0..100_000).map(|k| place(k % 3, k as f32)).collect();
+    let start = Instant::now();
+    let whole = geometry(&scene);
+    let seconds = start.elapsed().as_secs_f64();
+    println!("100 000 surfaces in {:.1} ms", seconds * 1e3);
+    assert!(seconds < 1.0, "{seconds} s");
+    scene.surfaces.swap(99_996, 99_999);
+    assert_ne!(geometry(&scene), whole);
+}

@@ -372,6 +372,42 @@ fn a_full_disk_is_told_and_left_clean() {
     assert!(store.read("part", key(1)).unwrap().is_some());
 }
 
+/// Not a test: the other process of the one below, which writes to the store in `LUMEL_TEST_STORE` until it is killed.
+#[test]
+#[ignore = "a process of another test"]
+fn write_on() {
+    let Some(folder) = std::env::var_os("LUMEL_TEST_STORE") else { return };
+    let store = Store::open(Path::new(&folder)).unwrap();
+    let bytes = noise(3 << 20);
+    println!("begins");
+    for n in 0..u64::MAX {
+        store.write("part", key(n % 3), &[&bytes, &n.to_le_bytes()]).unwrap();
+    }
+}
+
+#[test]
+fn a_writer_that_is_killed_leaves_no_half_entry() {
+    let folder = Folder::new("killed");
+    let mut halves = 0;
+    for k in 0..12 {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--ignored", "--exact", "write_on", "--nocapture"]).env("LUMEL_TEST_STORE", &folder.0);
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap().contains("begins")));
+        std::thread::sleep(Duration::from_millis(5 + 3 * k));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let store = Store::open(&folder.0).unwrap();
+        assert!(store.verify(&Silent).unwrap().is_empty());
+        let temporary = all_files(&folder.0).into_iter().filter(|name| name.ends_with(".tmp"));
+        temporary.for_each(|name| used(&folder.0.join("v1/part").join(name), 60));
+        halves += store.prune(u64::MAX).unwrap().abandoned;
+        assert!(all_files(&folder.0).len() <= 3 + 1, "{:?}", all_files(&folder.0));
+    }
+    println!("{halves} of 12 were killed over a file");
+}
+
 /// Not a test: the other process of the one below, which takes the lock of the folder in `LUMEL_TEST_LOCK`, says so, and sleeps.
 #[test]
 #[ignore = "a process of another test"]

@@ -7,9 +7,11 @@
 //! Entries are written under another name, synced and renamed, so that no reader ever meets half of one, and never changed
 //! afterwards. Any number of processes may use a store at once; two that write one key write the same bytes, and the later one stays.
 //!
-//!     <folder>/lumel-cache.txt          says whose folder it is
-//!     <folder>/v1/<kind>/<key>          an entry
-//!     <folder>/v1/<kind>/.<key>.*.tmp   one that is being written
+//! ```text
+//! <folder>/lumel-cache.txt          says whose folder it is
+//! <folder>/v1/<kind>/<key>          an entry
+//! <folder>/v1/<kind>/.<key>.*.tmp   one that is being written
+//! ```
 //!
 //! Another layout of files gets another subfolder, so that no version reads what it doesn't know. Sections hold numbers as the machine
 //! has them, and big-endian machines have a subfolder of their own.
