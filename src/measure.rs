@@ -58,8 +58,9 @@ fn expose(
     progress.begin(settings.method.name(), most.unwrap_or(0));
     let mut film = Film::new(pixels);
     while most.is_none_or(|most| film.passes() < most) {
+        let before = film.passes();
         method.pass(&mut film, progress)?;
-        progress.advance(1);
+        progress.advance(film.passes() - before);
         if budget.is_some_and(|budget| progress.elapsed() >= budget) {
             break;
         }

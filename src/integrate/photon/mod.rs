@@ -13,12 +13,16 @@
 //! | L S+ x | photons within the radius at x, of those that came so; on texels, which photon hits which texel, without a radius |
 //! | L ... D S* x | a ray drawn at x, over mirrors and glass; where it comes to a matte vertex, all photons within the radius there |
 //!
+//! Photons over mirrors and glass alone are aimed at what sends them there ([`aim`]): unaimed, most end at their first surface. Several
+//! walks from each pixel read the photons of one pass, which cost more than a walk.
+//!
 //! A vertex is matte where no direction stands out in what it reflects ([`is_matte`]); at others the walk goes on as a path does, and so
 //! it does close to x, where a radius would show. Where media scatter, vertices lie in space, and photons are read within a ball (Jensen,
 //! Christensen 1998).
 //!
-//! Bias: light is spread over the radius, and where the disc around a place reaches over the edge of its surface, or the ball out of a
-//! medium, what is read there is too dark, by up to a half on the edge itself; both vanish with the radius. Light is never read through
+//! Bias: light is spread over the radius, and where the disc around a place reaches over the edge of its surface, what is read there is too
+//! dark, by up to a half on the edge itself; both vanish with the radius. Where the ball reaches out of a medium or through a surface,
+//! the walk goes on instead, but for light over mirrors and glass alone. Light is never read through
 //! walls: only photons on surfaces that face the same way, close to the plane, count.
 //!
 //! Limits: light over mirrors and glass from points, spots and sharp suns onto glossy surfaces is found as little as by paths. Surfaces
@@ -99,7 +103,7 @@ const LEAST_PHOTONS: usize = 1 << 15;
 const MOST_PHOTONS: usize = 1 << 18;
 
 /// Photons over mirrors and glass alone, over those on all ways.
-const CAUSTIC_PHOTONS: f32 = 2.0;
+const CAUSTIC_PHOTONS: f32 = 3.0;
 
 /// Photons that the median photon has within the first radius, of all and of those over mirrors and glass.
 const NEIGHBOURS: [usize; MAPS] = [12, 150, 16, 150];
