@@ -5,7 +5,7 @@ use crate::added_light;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::kept::add_base;
+use crate::illuminate::kept::{State, add_base};
 use crate::illuminate::{Illuminated, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
@@ -23,7 +23,7 @@ use crate::store::{FolderLock, Key, Store};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
-use crate::work::Work;
+use crate::work::{Stored, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
 
@@ -56,7 +56,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         scatter::adapt_for_caustics(&mut loaded.scene);
     }
     let store = open_store(settings)?;
-    let work = work(&store, &loaded.scene, &atlas, settings);
+    let work = work(&store, scene, &loaded.scene, &atlas, settings)?;
     if settings.shard.is_some() {
         share(&loaded.scene, &atlas, settings, &work, &clock)?;
         report.warnings.extend(store.take_warnings());
@@ -64,6 +64,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
+    remember_state(&store, scene, &loaded.scene, &atlas)?;
     report.warnings.extend(store.take_warnings());
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
@@ -109,13 +110,48 @@ fn open_store(settings: &Settings) -> Result<Store> {
 }
 
 /// The work on a scene with lightmap UVs, as far as it is remembered.
-fn work<'a>(store: &'a Store, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Work<'a> {
+fn work<'a>(store: &'a Store, file: &Path, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<Work<'a>> {
     if store.is_none() {
-        return Work::unstored();
+        return Ok(Work::unstored());
     }
     let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
-    Work::new(store, base, settings.shard, settings.checkpoint())
+    let work = Work::new(store, base, settings.shard, settings.checkpoint());
+    if settings.shard.is_some() {
+        // What one process has seen before, another may not.
+        return Ok(work);
+    }
+    let now = State::new(scene, atlas, base);
+    let before = store.read(STATE, state_key(file))?.as_ref().and_then(State::restore);
+    let work = match before.and_then(|before| now.since(&before)) {
+        Some((base, change)) => work.after(base, change),
+        None => work,
+    };
+    Ok(work)
 }
+
+/// Notes what the bake of `file` was of, for the next one.
+fn remember_state(store: &Store, file: &Path, scene: &Scene, atlas: &Atlas) -> Result<()> {
+    if store.is_none() {
+        return Ok(());
+    }
+    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
+    let state = State::new(scene, atlas, base);
+    let sections = state.sections();
+    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
+    if let Err(error) = store.write(STATE, state_key(file), &sections) {
+        store.warn("cache", error);
+    }
+    Ok(())
+}
+
+/// The key under which the state of the last bake of `file` stands.
+fn state_key(file: &Path) -> Key {
+    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    Key::of("state", |hasher| hasher.add_str(&file.to_string_lossy()))
+}
+
+/// The kind of entries by which bakes of one file know what the last one was of.
+const STATE: &str = "state";
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
 fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {

@@ -142,6 +142,7 @@ impl<'a> Sampling<'a> {
                 areas,
                 guide: bright.map(|b| &b.0),
                 view: view.as_ref().map(|v| &v.0),
+                towards: None,
             };
             find(k, samples, found, scratch)?;
             let sight = match bright {
@@ -149,6 +150,7 @@ impl<'a> Sampling<'a> {
                 None => Sight::default(),
             };
             found.weigh(&sight);
+            found.close();
             scratch.arriving = sight.expected;
             let mut backs: Vec<u32> = (found.halves.iter().zip(before[k]))
                 .flat_map(|(half, before)| half.links[before.links..].iter().map(Link::target))
