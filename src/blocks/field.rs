@@ -201,11 +201,6 @@ impl<'a> Field<'a> {
         self.blocks.back_of.get(i as usize).is_some_and(|b| *b != NONE)
     }
 
-    /// What shines, and how far it reaches, where that is known.
-    pub fn bright(&self) -> Option<&(Guide, Reach)> {
-        self.bright.as_ref()
-    }
-
     /// Finds what the sky sends along the links that there are.
     pub fn find_base(&mut self) {
         self.base = (0..self.blocks.list.len()).into_par_iter().with_max_len(SHARE).map(|b| self.base_of(b)).collect();
@@ -383,18 +378,6 @@ impl<'a> Field<'a> {
     /// # Errors
     /// `Cancelled`.
     pub fn find_bright(&mut self, progress: &dyn Progress) -> Result<()> {
-        self.find_guide(progress)?;
-        if self.bright.is_some() {
-            self.sampled.iter_mut().for_each(|found| *found = Sampled::default());
-        }
-        Ok(())
-    }
-
-    /// Finds what shines, and how far it reaches.
-    ///
-    /// # Errors
-    /// `Cancelled`.
-    pub fn find_guide(&mut self, progress: &dyn Progress) -> Result<()> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for &position in &self.lit.ground.patches.position {
             low = low.min(position);
@@ -414,6 +397,7 @@ impl<'a> Field<'a> {
         let reach = Reach::new(self.lit, &self.blocks, &guide, self.params.seed, progress)?;
         self.rays += reach.rays;
         self.bright = Some((guide, reach));
+        self.sampled.iter_mut().for_each(|found| *found = Sampled::default());
         Ok(())
     }
 

@@ -1,28 +1,41 @@
 //! What blocks see after some surfaces have moved or changed: what the change can't touch is kept.
 //!
 //! Of a block, the directions that a change can touch are those in which its old or new box lies. Links in these directions are dropped,
-//! and samples are drawn as a bake anew would draw them, of which those in these directions alone are traced. Which directions they
-//! are is known without tracing, so that both parts are what they would be of a bake anew: no light is made or lost between them.
+//! and others drawn there, from cones around the boxes, more closely than before, as nothing is known of what shines. Which directions
+//! they are is known without tracing, so that what is kept and what is new are estimates of two parts of the hemisphere, each right
+//! by itself: no light is made or lost between them.
 
 use super::SHARE;
 use super::block::{Block, Blocks};
-use super::field::{Field, draw_view};
+use super::field::Field;
 use super::kept::{Kept, OldBlocks};
 use super::link::Sight;
-use super::shoot::{Draw, Sampled, Samples, Scratch};
+use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
 use super::sweep::BackLight;
 use super::{BlockParams, Seen, kept};
 use crate::Result;
-use crate::color::{Rgb, luminance};
+use crate::color::Rgb;
 use crate::light::{Direct, Lit};
 use crate::patch::NONE;
 use crate::progress::Progress;
+use crate::sample::sequence::Stage;
+use crate::sample::warp::{cap, frame};
 use crate::work::{Change, Work};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::f32::consts::{PI, TAU};
 
 /// Samples in each half of blocks of which nothing is known.
 const NEW: u32 = 64;
+
+/// How many times as many samples there are as a hemisphere of them has in the same directions.
+const CLOSER: f32 = 2.0;
+
+/// Samples in each half towards a box, at least.
+const LEAST: u32 = 4;
+
+/// Numbers of points from here on are those of samples towards boxes.
+const FIRST_POINT: u32 = 1 << 20;
 
 /// Quarterings from the coarsest blocks to single texels.
 const LEVELS: usize = 3;
@@ -44,6 +57,53 @@ impl<'a> Towards<'a> {
         Self { from: block.centre, reach: REACH * block.side(), boxes }
     }
 
+    /// Samples towards the boxes, of block `b`, as close as `count` in each half over the hemisphere are, and closer.
+    fn aim(&self, draw: &Draw, b: usize, count: u32) -> Vec<Aimed> {
+        let cones: Vec<(Cone, u32)> = self
+            .boxes
+            .iter()
+            .map(|bounds| self.cone(bounds))
+            .map(|cone| {
+                let wanted = (CLOSER * count as f32 * cone.solid_angle / PI).ceil() as u32;
+                (cone, wanted.clamp(LEAST, 2 * count.max(LEAST)))
+            })
+            .collect();
+        let density = |(cone, samples): &(Cone, u32)| *samples as f32 / cone.solid_angle;
+        let mut aimed = Vec::new();
+        for half in 0..2 {
+            let sequence = draw.sequence(Stage::Block, b, half);
+            let mut index = FIRST_POINT;
+            for (cone, samples) in &cones {
+                let frame = frame(cone.axis);
+                for _ in 0..*samples {
+                    let [x, y, u, v] = sequence.point(index, 0);
+                    index += 1;
+                    let direction = frame * cap([u, v], cone.cos);
+                    if self.holds(direction) {
+                        let expected = cones.iter().filter(|(cone, _)| cone.holds(direction)).map(density).sum();
+                        aimed.push(Aimed { half, place: [x, y], direction, expected });
+                    }
+                }
+            }
+        }
+        aimed
+    }
+
+    /// The cone that a box is seen in from all over the block; all directions from within its ball.
+    fn cone(&self, [low, high]: &[Vec3; 2]) -> Cone {
+        let way = 0.5 * (*low + *high) - self.from;
+        let (distance, radius) = (way.length(), 0.5 * low.distance(*high) + SQRT_3 * self.reach);
+        let cos = if radius < distance { (1.0 - (radius / distance).powi(2)).sqrt() } else { -1.0 };
+        Cone { axis: way.try_normalize().unwrap_or(Vec3::Z), cos, solid_angle: TAU * (1.0 - cos) }
+    }
+
+    /// True where some of the boxes lie above the horizon of `block`.
+    fn is_above(&self, block: &Block) -> bool {
+        let n = block.normal;
+        let highest = |[low, high]: &[Vec3; 2]| (Vec3::select(n.cmpgt(Vec3::ZERO), *high, *low) - self.from).dot(n);
+        !block.is_flat() || self.boxes.iter().any(|bounds| highest(bounds) > -self.reach)
+    }
+
     /// True where a ray along `direction` from somewhere on the block may meet one of the boxes.
     pub fn holds(&self, direction: Vec3) -> bool {
         let inverse = direction.recip();
@@ -55,6 +115,27 @@ impl<'a> Towards<'a> {
         })
     }
 }
+
+/// Directions around an axis.
+struct Cone {
+    axis: Vec3,
+    /// Cosine of the largest angle to it.
+    cos: f32,
+    /// [sr]
+    solid_angle: f32,
+}
+
+/// Cosines are taken as this much less: what is drawn at the rim must count as within.
+const RIM: f32 = 1e-5;
+
+impl Cone {
+    fn holds(&self, direction: Vec3) -> bool {
+        direction.dot(self.axis) >= self.cos - RIM
+    }
+}
+
+/// Half the diagonal of a cube of side 2.
+const SQRT_3: f32 = 1.732_050_8;
 
 /// Finds what blocks see, where it is known from `kept` but for a `change`; `None` where that is of other texels.
 ///
@@ -88,6 +169,7 @@ pub fn look_again(
     // What is sampled anew, as closely as before.
     let counts: Vec<u32> = (0..blocks.list.len())
         .map(|b| match same[b] {
+            Some(_) if !Towards::new(&blocks.list[b], &change.boxes).is_above(&blocks.list[b]) => 0,
             Some(_) => sampled[b].drawn.samples(),
             None if blocks.list[b].back => 0,
             None => old.around(&blocks, b).and_then(|k| kept.samples(k)).unwrap_or(NEW),
@@ -98,10 +180,7 @@ pub fn look_again(
     let mut field = Field::with(lit, direct, params, blocks, sampled, irradiance, work);
     let back_patches: Vec<u32> = kept.back_patches.iter().copied().filter(|&i| field.has_back(i)).collect();
     field.light_backs(&back_patches, progress)?;
-    field.find_base();
-    field.find_guide(progress)?;
     let seen = sample_touched(&mut field, &same, &counts, &dropped, change, progress)?;
-    field.find_base();
     field.follow_backs(seen, progress)?;
     let known: Vec<usize> = (fronts..field.blocks.list.len()).filter(|&b| !field.sampled[b].is_empty()).collect();
     field.light_back_blocks(&known, progress)?;
@@ -139,17 +218,20 @@ fn like(lit: &Lit, old: &OldBlocks) -> Blocks {
 /// factors that each half of each block lost by it, added up.
 fn drop_touched(lit: &Lit, blocks: &Blocks, change: &Change, sampled: &mut [Sampled]) -> Vec<[f32; 2]> {
     let patches = lit.ground.patches;
+    let is_kept = |(patch, back): (usize, bool)| {
+        is_there(blocks, (patch, back)) && !change.surfaces[patches.surface(patch) as usize]
+    };
     let drop = |(b, found): (usize, &mut Sampled)| {
         let block = &blocks.list[b];
         let towards = Towards::new(block, &change.boxes);
+        if !towards.is_above(block) && found.halves.iter().all(|half| half.links.iter().all(|l| is_kept(l.target()))) {
+            return [0.0; 2];
+        }
         found.halves.each_mut().map(|half| {
             half.retain(
                 |link| {
-                    let (patch, back) = link.target();
-                    let direction = kept::way(block, patches.position[patch]);
-                    is_there(blocks, (patch, back))
-                        && !change.surfaces[patches.surface(patch) as usize]
-                        && !towards.holds(direction)
+                    let target = link.target();
+                    is_kept(target) && !towards.holds(kept::way(block, patches.position[target.0]))
                 },
                 |link| !towards.holds(link.direction()),
             )
@@ -171,42 +253,25 @@ fn sample_touched(
     let mut sampled = std::mem::take(&mut field.sampled);
     let (blocks, lit) = (&field.blocks, field.lit);
     let draw = Draw { lit, blocks, seed: field.params.seed };
-    let bright = field.bright();
     let one = |b: usize, found: &mut Sampled, scratch: &mut Scratch| -> Vec<u32> {
-        let count = counts[b];
-        let mut arriving = std::mem::take(&mut scratch.arriving);
-        let view = bright.filter(|_| !blocks.list[b].back).and_then(|(guide, reach)| {
-            guide.arriving(&blocks.list[b], reach.of(b), &mut arriving);
-            draw_view(guide, luminance(field.irradiance[b]), &arriving, count)
-        });
-        let areas = view.as_ref().map_or(0, |v| v.1);
-        let towards = same[b].map(|_| Towards::new(&blocks.list[b], &change.boxes));
-        let samples = Samples {
-            hemisphere: count - areas,
-            areas,
-            guide: bright.map(|b| &b.0),
-            view: view.as_ref().map(|v| &v.0),
-            towards: towards.as_ref(),
-        };
-        let mut fresh = Sampled::default();
-        fresh.drawn.normals = std::mem::take(&mut found.drawn.normals);
-        draw.sample(b, samples, &mut fresh, scratch);
-        let sight = match bright {
-            Some((guide, _)) => Sight::new(guide, &fresh.drawn, arriving),
-            None => Sight::default(),
-        };
-        fresh.weigh(&sight);
-        scratch.arriving = sight.expected;
-        let backs = fresh.halves.iter().flat_map(|half| half.links.iter().map(|link| link.target()));
-        let backs = backs.filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect();
+        let from = found.halves.each_ref().map(|half| half.links.len());
         match same[b] {
-            Some(_) => found.join(fresh, dropped[b]),
+            Some(_) => {
+                let aimed = Towards::new(&blocks.list[b], &change.boxes).aim(&draw, b, counts[b]);
+                let mut fresh = Sampled::default();
+                draw.along(b, &aimed, &mut fresh, scratch);
+                let halves = found.halves.iter_mut().zip(fresh.halves).zip(dropped[b]);
+                halves.for_each(|((half, fresh), dropped)| half.join(fresh, dropped));
+            }
             None => {
-                fresh.close();
-                *found = fresh;
+                let hemisphere = (CLOSER * counts[b] as f32) as u32;
+                draw.sample(b, Samples { hemisphere, areas: 0, guide: None, view: None }, found, scratch);
+                found.weigh(&Sight::default());
+                found.close();
             }
         }
-        backs
+        let new = found.halves.iter().zip(from).flat_map(|(half, from)| &half.links[from..]);
+        new.map(|link| link.target()).filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect()
     };
     let seen: Result<Vec<Vec<u32>>> = sampled
         .par_iter_mut()
@@ -225,6 +290,5 @@ fn sample_touched(
     let mut seen = seen?.concat();
     seen.sort_unstable();
     seen.dedup();
-    field.rays += seen.len() as u64;
     Ok(seen)
 }

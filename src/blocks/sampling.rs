@@ -142,7 +142,6 @@ impl<'a> Sampling<'a> {
                 areas,
                 guide: bright.map(|b| &b.0),
                 view: view.as_ref().map(|v| &v.0),
-                towards: None,
             };
             find(k, samples, found, scratch)?;
             let sight = match bright {

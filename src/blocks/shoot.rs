@@ -3,7 +3,6 @@
 use super::block::Blocks;
 use super::guide::{Aim, Found, Guide, View};
 use super::link::{Drawn, Half, Link, Sight, SkyLink};
-use super::moved::Towards;
 use crate::color::Rgb;
 use crate::light::Lit;
 use crate::light::direct::{Arriving, DirectParams, Receiver, glimpse};
@@ -12,6 +11,7 @@ use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::trace::{Hit, Ray, Segment};
 use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
 
 /// Normals that stand for those of a curved block.
 const MOST_NORMALS: usize = 16;
@@ -45,14 +45,6 @@ impl Sampled {
         self.halves.iter_mut().for_each(|half| half.close(&self.drawn));
     }
 
-    /// Adds `fresh` links, in place of those with the form factors `dropped` by half.
-    pub fn join(&mut self, fresh: Self, dropped: [f32; 2]) {
-        self.drawn.normals = fresh.drawn.normals;
-        for ((half, fresh), dropped) in self.halves.iter_mut().zip(fresh.halves).zip(dropped) {
-            half.join(fresh, dropped);
-        }
-    }
-
     /// True before the first sample.
     pub fn is_empty(&self) -> bool {
         self.drawn.samples() == 0
@@ -67,8 +59,18 @@ pub struct Samples<'a> {
     /// What shines, once it is known; `view` where some of it is bright to the block.
     pub guide: Option<&'a Guide>,
     pub view: Option<&'a View>,
-    /// Samples in other directions are drawn and not traced; none: all are.
-    pub towards: Option<&'a Towards<'a>>,
+}
+
+/// A sample in a given direction, from somewhere on the block.
+#[derive(Clone, Copy)]
+pub struct Aimed {
+    pub half: usize,
+    /// Where on the block.
+    pub place: [f32; 2],
+    /// Unit.
+    pub direction: Vec3,
+    /// Density with which all samples together are drawn that way [1/sr].
+    pub expected: f32,
 }
 
 /// Who draws: every half of every block has its own sequences.
@@ -89,6 +91,16 @@ struct Start {
     u: [f32; 4],
 }
 
+/// What is at the end of a ray.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    /// A patch that sends light, and whether its back is seen.
+    Patch(usize, bool),
+    Sky,
+    /// Nothing that sends light.
+    Nothing,
+}
+
 /// Memory that the samples of one block after the other are drawn in.
 pub struct Scratch<'a> {
     cutter: Cutter<'a>,
@@ -105,6 +117,7 @@ pub struct Scratch<'a> {
     halves: Vec<usize>,
     blocked: Vec<bool>,
     tints: Vec<Rgb>,
+    weights: Vec<f32>,
     /// What arrives from each cluster [lx].
     pub arriving: Vec<f32>,
 }
@@ -126,6 +139,7 @@ impl<'a> Scratch<'a> {
             halves: Vec::new(),
             blocked: Vec::new(),
             tints: Vec::new(),
+            weights: Vec::new(),
             arriving: Vec::new(),
         }
     }
@@ -134,7 +148,7 @@ impl<'a> Scratch<'a> {
 impl Draw<'_> {
     /// Adds `samples` to both halves of block `b`.
     pub fn sample(&self, b: usize, samples: Samples, found: &mut Sampled, scratch: &mut Scratch) {
-        let Samples { hemisphere, areas, guide, view, towards } = samples;
+        let Samples { hemisphere, areas, guide, view } = samples;
         let mut starts = std::mem::take(&mut scratch.starts);
         starts.clear();
         for (stage, count) in [(Stage::Block, hemisphere), (Stage::BlockArea, areas)] {
@@ -145,30 +159,22 @@ impl Draw<'_> {
                 starts.extend((first..first + count).map(start));
             }
         }
-        let block = &self.blocks.list[b];
-        let mut in_hemisphere = 2 * hemisphere as usize;
-        if let Some(towards) = towards.filter(|_| block.is_flat()) {
-            let to_areas = starts.split_off(in_hemisphere);
-            let frame = frame(block.normal);
-            starts.retain(|s| towards.holds(frame * cosine_hemisphere([s.u[2], s.u[3]])));
-            in_hemisphere = starts.len();
-            starts.extend(to_areas);
-        }
         self.place(b, &mut starts, scratch);
         // Exactly as much as may come: vectors that grow by themselves are copied time and again.
         found.halves.iter_mut().for_each(|half| half.links.reserve_exact((hemisphere + areas) as usize));
-        let (over_hemisphere, to_areas) = starts.split_at(in_hemisphere);
+        let (over_hemisphere, to_areas) = starts.split_at(2 * hemisphere as usize);
         if found.drawn.normals.0.is_empty() {
+            let block = &self.blocks.list[b];
             found.drawn.normals.0 = if block.is_flat() {
                 vec![block.normal]
             } else {
                 over_hemisphere.iter().take(MOST_NORMALS).map(|s| s.point.normal).collect()
             };
         }
-        self.hemisphere(over_hemisphere, guide, towards, found, scratch);
+        self.hemisphere(over_hemisphere, guide, found, scratch);
         found.drawn.hemisphere += hemisphere;
         if let (Some(guide), Some(view)) = (guide, view) {
-            self.areas(b, to_areas, (guide, view), towards, found, scratch);
+            self.areas(b, to_areas, guide, view, found, scratch);
             found.drawn.expect(view, areas);
         }
         scratch.starts = starts;
@@ -224,47 +230,88 @@ impl Draw<'_> {
         }
     }
 
-    fn hemisphere(
-        &self,
-        starts: &[Start],
-        guide: Option<&Guide>,
-        towards: Option<&Towards>,
-        found: &mut Sampled,
-        scratch: &mut Scratch,
-    ) {
+    /// Adds what `aimed` samples of block `b` find, with their form factors. They count as none of those that were drawn.
+    pub fn along(&self, b: usize, aimed: &[Aimed], found: &mut Sampled, scratch: &mut Scratch) {
+        let tracer = self.lit.ground.tracer;
+        let mut starts = std::mem::take(&mut scratch.starts);
+        starts.clear();
+        let start = |a: &Aimed| Start {
+            half: a.half,
+            index: 0,
+            point: SurfacePoint::NOWHERE,
+            u: [a.place[0], a.place[1], 0.0, 0.0],
+        };
+        starts.extend(aimed.iter().map(start));
+        self.place(b, &mut starts, scratch);
+        let Scratch { rays, halves, hits, tints, weights, .. } = scratch;
+        (rays.clear(), halves.clear(), weights.clear());
+        for (start, aimed) in starts.iter().zip(aimed) {
+            let cos = aimed.direction.dot(start.point.normal);
+            if cos > 0.0 {
+                let origin = tracer.off_surface(start.point.position, start.point.normal);
+                rays.push(Ray { origin, direction: aimed.direction });
+                halves.push(aimed.half);
+                weights.push(FRAC_1_PI * cos / aimed.expected);
+            }
+        }
+        hits.clear();
+        hits.resize(rays.len(), None);
+        tracer.closest_tinted(rays, hits, tints);
+        for (k, ((half, ray), hit)) in halves.iter().zip(&*rays).zip(&*hits).enumerate() {
+            let half = &mut found.halves[*half];
+            match self.seen(hit.as_ref()) {
+                Seen::Patch(patch, back) => {
+                    half.push(Link::new(patch, back, ray.direction, 0.0), tint(tints, k));
+                    half.weights.push(weights[k]);
+                }
+                Seen::Sky => {
+                    half.push_sky(SkyLink::new(ray.direction, Found::NOTHING), tint(tints, k));
+                    half.sky_weights.push(weights[k]);
+                }
+                Seen::Nothing => half.lost += 1,
+            }
+        }
+        scratch.starts = starts;
+    }
+
+    /// What a ray meets.
+    fn seen(&self, hit: Option<&Hit>) -> Seen {
+        let Some(hit) = hit else {
+            return if self.lit.lights.sky.is_some() { Seen::Sky } else { Seen::Nothing };
+        };
+        let of = if hit.back { &self.blocks.back_of } else { &self.blocks.front_of };
+        match self.lit.ground.patch_under(hit).filter(|&patch| of[patch] != NONE) {
+            Some(patch) => Seen::Patch(patch, hit.back),
+            None => Seen::Nothing,
+        }
+    }
+
+    fn hemisphere(&self, starts: &[Start], guide: Option<&Guide>, found: &mut Sampled, scratch: &mut Scratch) {
         let Lit { ground, .. } = *self.lit;
-        let has_sky = self.lit.lights.sky.is_some();
-        let Scratch { rays, halves, hits, tints, .. } = scratch;
+        let Scratch { rays, hits, tints, .. } = scratch;
         let ray = |s: &Start| Ray {
             origin: ground.tracer.off_surface(s.point.position, s.point.normal),
             direction: frame(s.point.normal) * cosine_hemisphere([s.u[2], s.u[3]]),
         };
         rays.clear();
-        halves.clear();
-        for (start, ray) in starts.iter().map(|start| (start, ray(start))) {
-            if towards.is_none_or(|towards| towards.holds(ray.direction)) {
-                rays.push(ray);
-                halves.push(start.half);
-            }
-        }
+        rays.extend(starts.iter().map(ray));
         hits.clear();
         hits.resize(rays.len(), None);
         ground.tracer.closest_tinted(rays, hits, tints);
-        for (k, ((half, ray), hit)) in halves.iter().zip(&*rays).zip(&*hits).enumerate() {
+        for (k, ((start, ray), hit)) in starts.iter().zip(&*rays).zip(&*hits).enumerate() {
             let tint = tint(tints, k);
-            let half = &mut found.halves[*half];
+            let half = &mut found.halves[start.half];
+            let seen = self.seen(hit.as_ref());
+            if seen == Seen::Sky {
+                let known = guide.map_or(Found::NOTHING, |g| g.find_sky(ray.origin, ray.direction));
+                half.push_sky(SkyLink::new(ray.direction, known), tint);
+            }
             let Some(hit) = hit else {
-                if has_sky {
-                    let known = guide.map_or(Found::NOTHING, |g| g.find_sky(ray.origin, ray.direction));
-                    half.push_sky(SkyLink::new(ray.direction, known), tint);
-                } else {
-                    half.lost += 1;
-                }
+                half.lost += u32::from(seen == Seen::Nothing);
                 continue;
             };
             found.inverse_distance += 1.0 / hit.t;
-            let of = if hit.back { &self.blocks.back_of } else { &self.blocks.front_of };
-            let Some(patch) = ground.patch_under(hit).filter(|&patch| of[patch] != NONE) else {
+            let Seen::Patch(patch, _) = seen else {
                 half.lost += 1;
                 continue;
             };
@@ -282,8 +329,8 @@ impl Draw<'_> {
         &self,
         b: usize,
         starts: &[Start],
-        (guide, view): (&Guide, &View),
-        towards: Option<&Towards>,
+        guide: &Guide,
+        view: &View,
         found: &mut Sampled,
         scratch: &mut Scratch,
     ) {
@@ -294,7 +341,6 @@ impl Draw<'_> {
         links.clear();
         rays.clear();
         halves.clear();
-        let is_wanted = |direction: Vec3| towards.is_none_or(|towards| towards.holds(direction));
         for start in starts {
             let origin = tracer.off_surface(start.point.position, start.point.normal);
             let (cluster, rest) = view.pick(start.u[2]);
@@ -306,12 +352,12 @@ impl Draw<'_> {
                     let square = way.length_squared();
                     let direction = way / square.sqrt();
                     let cos = -direction.dot(normal);
-                    if square > 0.0 && direction.dot(start.point.normal) > 0.0 && cos > 0.0 && is_wanted(direction) {
+                    if square > 0.0 && direction.dot(start.point.normal) > 0.0 && cos > 0.0 {
                         segments.push(Segment { from: origin, to: position });
                         links.push((start.half, Link::new(patch, false, direction, guide.pdf(patch, square, cos))));
                     }
                 }
-                Some(Aim::Sky { direction }) if direction.dot(start.point.normal) > 0.0 && is_wanted(direction) => {
+                Some(Aim::Sky { direction }) if direction.dot(start.point.normal) > 0.0 => {
                     rays.push(Ray { origin, direction });
                     halves.push(start.half);
                 }
@@ -354,7 +400,7 @@ impl Draw<'_> {
         glimpse(ground.scene, ground.tracer, lights, &receiver, &params)
     }
 
-    fn sequence(&self, stage: Stage, b: usize, k: usize) -> Sequence {
+    pub fn sequence(&self, stage: Stage, b: usize, k: usize) -> Sequence {
         let block = &self.blocks.list[b];
         Sequence::new(self.seed, stage, u64::from(block.first) << 8 | u64::from(block.level) << 4 | k as u64)
     }
