@@ -38,6 +38,7 @@ use crate::trace::{Tracer, Triangles};
 use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
 use crate::write::{dump::Dump, watch::WatchFolder};
+use caustics::Brought;
 use std::sync::Arc;
 
 /// A scene with its light, and all that led to it.
@@ -133,7 +134,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
     let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
     let sources =
-        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics };
+        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics.shown };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
     if settings.directional != Directional::Off {
@@ -145,7 +146,8 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         let seen = lightmap.irradiance(&patches);
         lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
-    let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
+    let bake =
+        energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out, taken: &caustics.taken };
     let energy = match needs_walks(scene, settings) {
         true => EnergyBalance::default(),
         false => balance(&bake, &lightmap, !settings.float),
@@ -198,8 +200,8 @@ struct Found {
     groups: Vec<Group>,
     /// What arrives and is not to be shown [lx].
     left_out: Option<Vec<Rgb>>,
-    /// What came over mirrors and glass as if straight from lights, of what is shown [lx]; empty where it wasn't asked for.
-    caustics: Vec<Rgb>,
+    /// What came over mirrors and glass as if straight from lights.
+    caustics: Brought,
 }
 
 /// The light of all texels, by the method that is asked for.
@@ -395,7 +397,7 @@ fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progres
     };
     let (elements, solution) = (Elements::default(), Solution::default());
     let backs = Backs::default();
-    let (groups, caustics) = (Vec::new(), Vec::new());
+    let (groups, caustics) = (Vec::new(), Brought::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }
 
@@ -454,6 +456,6 @@ fn paths(
         ..Solution::default()
     };
     let backs = Backs::of_elements(&elements, &solution);
-    let (groups, caustics) = (Vec::new(), Vec::new());
+    let (groups, caustics) = (Vec::new(), Brought::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }
