@@ -8,6 +8,7 @@ mod options;
 mod values;
 
 pub use options::*;
+use values::parse_bytes;
 
 use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum, ValueHint};
@@ -56,6 +57,8 @@ pub enum Command {
     Render(Box<RenderArgs>),
     /// Compare two baked EXR pages, and draw where they differ
     Compare(CompareArgs),
+    /// List, check or prune the results that bakes keep for later ones
+    Cache(CacheArgs),
     /// Print a completion script for a shell
     Completions(CompletionArgs),
 }
@@ -105,6 +108,8 @@ pub struct BakeArgs {
     pub vertices: VertexArgs,
     #[command(flatten)]
     pub running: RunningArgs,
+    #[command(flatten)]
+    pub cache: RememberArgs,
 }
 
 /// `lumel unwrap`.
@@ -222,6 +227,54 @@ pub struct CompareArgs {
     /// Print JSON in place of a table
     #[arg(long)]
     pub json: bool,
+}
+
+/// `lumel cache`.
+#[derive(Debug, clap::Args)]
+pub struct CacheArgs {
+    #[command(subcommand)]
+    pub command: CacheCommand,
+}
+
+/// What to do with a cache.
+#[derive(Debug, Subcommand)]
+pub enum CacheCommand {
+    /// List its entries, and how much room each kind takes
+    List {
+        #[command(flatten)]
+        place: CachePlace,
+        /// Print JSON in place of tables
+        #[arg(long)]
+        json: bool,
+    },
+    /// Check every entry; exits with 1 where one is damaged, and names it
+    Verify {
+        #[command(flatten)]
+        place: CachePlace,
+        /// Take damaged entries away
+        #[arg(long)]
+        remove: bool,
+    },
+    /// Remove what was used least recently
+    Prune {
+        #[command(flatten)]
+        place: CachePlace,
+        /// How much may stay: 2G, 512M, 0 [bytes]
+        #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+        max_size: u64,
+    },
+}
+
+/// Where a cache is.
+#[derive(Debug, clap::Args)]
+#[group(required = true, multiple = false)]
+pub struct CachePlace {
+    /// Output folder of a bake: its cache is .lumel within it
+    #[arg(value_name = "OUTPUT", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+    /// The cache's own folder
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub cache: Option<PathBuf>,
 }
 
 /// `lumel completions`.

@@ -21,19 +21,26 @@ type Job = fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report>;
 
 /// `lumel bake`.
 pub fn bake(args: &BakeArgs, console: &Console) -> std::result::Result<(), Failure> {
-    run(args, args.output.as_deref(), console, pipeline::bake)
+    run(args, args.output.as_deref(), !args.cache.no_cache, console, pipeline::bake)
 }
 
 /// `lumel unwrap`.
 pub fn unwrap(args: &UnwrapArgs, console: &Console) -> std::result::Result<(), Failure> {
-    run(args, args.output.as_deref(), console, pipeline::unwrap)
+    run(args, args.output.as_deref(), false, console, pipeline::unwrap)
 }
 
-fn run(args: &impl Typed, output: Option<&Path>, console: &Console, job: Job) -> std::result::Result<(), Failure> {
+fn run(
+    args: &impl Typed,
+    output: Option<&Path>,
+    remembers: bool,
+    console: &Console,
+    job: Job,
+) -> std::result::Result<(), Failure> {
     let start = Instant::now();
     let scene = args.scene().scene.as_path();
-    let Resolved { settings, file } = config::resolve(args)?;
+    let Resolved { mut settings, file } = config::resolve(args)?;
     let folder = destination::folder(scene, output);
+    settings.cache = if remembers { settings.cache.or_else(|| Some(destination::cache(&folder))) } else { None };
     let inputs: Vec<&Path> =
         [Some(scene), file.as_deref(), settings.environment.as_deref()].into_iter().flatten().collect();
     destination::refuse_replacing(scene, &inputs, &folder)?;
@@ -43,6 +50,9 @@ fn run(args: &impl Typed, output: Option<&Path>, console: &Console, job: Job) ->
     let report = workers(&settings)?.install(|| job(scene, &folder, &settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
+    if settings.shard.is_some() {
+        return Ok(());
+    }
     console.done(&folder, &report.summary(), start.elapsed().as_secs_f64());
     Ok(())
 }

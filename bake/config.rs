@@ -19,7 +19,7 @@ use toml::{Table, Value};
 const FILE_NAME: &str = "lumel.toml";
 
 /// Keys that hold paths; relative ones are relative to the file in which they stand.
-const PATH_KEYS: [&str; 4] = ["environment", "dump-stages", "watch", "confine"];
+const PATH_KEYS: [&str; 5] = ["environment", "dump-stages", "watch", "confine", "cache"];
 
 /// The same in arrays of tables.
 const TABLE_PATH_KEYS: [(&str, &str); 2] = [("projectors", "picture"), ("medium", "grid")];
@@ -117,6 +117,7 @@ impl Typed for BakeArgs {
             table(&self.results)?,
             table(&self.vertices)?,
             table(&self.running)?,
+            table(&self.cache)?,
         ];
         Ok(groups.into_iter().flatten().collect())
     }

@@ -13,6 +13,11 @@ pub fn folder(scene: &Path, asked: Option<&Path>) -> PathBuf {
     asked.map_or_else(|| PathBuf::from(format!("{}_baked", stem(scene))), Path::to_path_buf)
 }
 
+/// The cache of bakes into `folder`, unless another is asked for.
+pub fn cache(folder: &Path) -> PathBuf {
+    folder.join(".lumel")
+}
+
 /// Refuses an output folder in which a result would replace one of `inputs`.
 ///
 /// # Errors

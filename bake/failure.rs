@@ -9,6 +9,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Exit code of a run that was interrupted: 128 + SIGINT, as shells have it.
 pub const INTERRUPTED: u8 = 130;
 
+/// Exit code of a shard that did its part and needs those of others: EX_TEMPFAIL of sysexits.h.
+pub const AWAITED: u8 = 75;
+
 /// Why a command ended early.
 #[derive(Debug)]
 pub enum Failure {
@@ -52,6 +55,7 @@ pub fn exit_code(console: &Console, command: impl FnOnce() -> Result<(), Failure
     let (error, code) = match failure {
         Failure::Usage(e) => (e, 2),
         Failure::Run(e @ Error::Cancelled) => (e, INTERRUPTED),
+        Failure::Run(e @ Error::Awaited { .. }) => (e, AWAITED),
         Failure::Run(e) => (e, 1),
         Failure::ClosedPipe => return ExitCode::SUCCESS,
     };

@@ -1,10 +1,11 @@
 //! The command `lumel`: arguments to settings, the library, and back to an exit code.
 //!
 //! Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted. Results go to files, or to stdout where the command prints
-//! something (`inspect`, `form-factors`, `compare`, `completions`); progress, warnings and errors go to stderr.
+//! something (`inspect`, `form-factors`, `compare`, `cache`, `completions`); progress, warnings and errors go to stderr.
 
 mod args;
 mod bake;
+mod cache;
 mod compare;
 mod config;
 mod console;
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
             Command::FormFactors(a) => form_factors::form_factors(a, &console),
             Command::Render(a) => render::render(a, &console),
             Command::Compare(a) => compare::compare(a),
+            Command::Cache(a) => cache::cache(a, &console),
             Command::Completions(a) => print::completions(a.shell),
         }
     })

@@ -20,6 +20,8 @@ pub enum Error {
     Io { place: String, source: std::io::Error },
     /// The caller asked to stop.
     Cancelled,
+    /// So many parts of the work are to be brought from other machines.
+    Awaited { parts: usize, of: usize },
 }
 
 impl Error {
@@ -45,6 +47,10 @@ impl fmt::Display for Error {
             Self::Unsupported { place, message } | Self::Invalid { place, message } => write!(f, "{place}: {message}"),
             Self::Io { place, source } => write!(f, "{place}: {source}"),
             Self::Cancelled => f.write_str("interrupted"),
+            Self::Awaited { parts, of } => write!(
+                f,
+                "{parts} of {of} parts are other shards': bring the cache folders of all shards together, and run this again"
+            ),
         }
     }
 }

@@ -2,21 +2,23 @@
 //! rasterize, trace, post.
 
 mod caustics;
+pub mod kept;
 
 use crate::Result;
 use crate::blocks::separate::{Source, Wanted};
-use crate::blocks::{BlockParams, Exchanged, exchange, look, shown_normals};
+use crate::blocks::{BlockParams, Exchanged, exchange, shown_normals};
 use crate::color::Rgb;
 use crate::energy::{self, EnergyBalance, balance};
 use crate::error::Error;
 use crate::gather::{Backs, Gathered, Sources, gather, read_elements};
 use crate::integrate::World;
+use crate::light::direct::DirectParams;
 use crate::light::parts::{Apart, Part, direct_apart, parts};
 use crate::light::{Direct, Lights, Lit, Shining, incident};
 use crate::measure::measure;
 use crate::medium::Media;
 use crate::moments::Moments;
-use crate::patch::unocclude::{Exposure, unocclude};
+use crate::patch::unocclude::Exposure;
 use crate::patch::{
     Emission, Ground, Patches, Reflectance, Sparse, rasterize, reflectance::reflectance, reflectance::shown_reflectance,
 };
@@ -37,9 +39,15 @@ use crate::solve::{Solution, Solver, Watch, full_matrix, solve};
 use crate::trace::{Tracer, Triangles};
 use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
+use crate::work::Work;
 use crate::write::{dump::Dump, watch::WatchFolder};
 use caustics::Brought;
+use kept::{Lamps, Sight};
 use std::sync::Arc;
+
+/// How many times the error that was asked for may be estimated where what blocks see was found in other light, before they look
+/// anew.
+const ROUGHER: f64 = 1.2;
 
 /// A scene with its light, and all that led to it.
 pub struct Illuminated {
@@ -72,31 +80,31 @@ pub struct Illuminated {
 /// `Cancelled`; `Invalid` where no texel is covered, there are too many elements for the solver, or the method can't leave direct
 /// light out; `Io` where stages can't be dumped.
 pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &dyn Progress) -> Result<Illuminated> {
+    illuminate_with(scene, atlas, settings, &Work::unstored(), progress)
+}
+
+/// The same, with what `work` remembers.
+///
+/// # Errors
+/// As [`illuminate`], and `Io` where what is remembered can't be read.
+pub fn illuminate_with(
+    scene: &Scene,
+    atlas: &Atlas,
+    settings: &Settings,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Illuminated> {
     let dump = Dump::new(settings.dump_stages.as_deref());
-    // The tree is built by one thread.
-    let triangles = Triangles::new(scene);
-    let (tracer, patches) =
-        rayon::join(|| Tracer::with(scene, triangles.clone()), || rasterize(scene, atlas, &triangles, progress));
-    let patches = patches?;
-    let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
-    let (reflectance, emission) = reflectance(&ground, progress)?;
-    let exposure = unocclude(&ground, settings.seed, progress)?;
+    let stage = Stage::new(scene, atlas, settings, work, progress)?;
+    let ground = stage.ground(scene, atlas);
+    let Stage { tracer: _, patches, reflectance, emission, exposure, lights, params } = &stage;
     dump.patches("normal", &ground, |i| patches.normal[i])?;
     dump.patches("albedo", &ground, |i| reflectance.0[i])?;
     dump.patches("emission", &ground, |i| emission.0[i])?;
     dump.patches("exposure", &ground, |i| exposure.share(i))?;
-
-    let lights = Lights::new(scene);
-    let lit = Lit {
-        ground: &ground,
-        exposure: &exposure,
-        reflectance: &reflectance,
-        emission: &emission,
-        lights: &lights,
-        params: &settings.direct_params(),
-    };
+    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
     let Found { direct, elements, solution, mut gathered, backs, exchanged, mut groups, left_out, caustics } =
-        find(&lit, settings, &dump, progress)?;
+        find(&lit, settings, &dump, work, progress)?;
 
     let noisy = if groups.is_empty() { Vec::new() } else { gathered.irradiance.clone() };
     let denoised = denoise(&lit, &mut gathered, &settings.denoise_params(), progress)?;
@@ -111,7 +119,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
     let left_out = left_out.as_deref();
     let is_baked = |shining: Shining| shining.contribution(scene).mode() == BakeMode::Baked;
     let seen_lights = left_out.map(|_| Lights::of(scene, is_baked));
-    let seen = Lit { lights: seen_lights.as_ref().unwrap_or(&lights), ..lit };
+    let seen = Lit { lights: seen_lights.as_ref().unwrap_or(lights), ..lit };
     let probes = match &settings.probes {
         None => LightProbes::default(),
         Some(_) => {
@@ -143,7 +151,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         let normal = |i: usize| normals.as_ref().map_or(patches.normal[i], |n| n[i]);
         let form = (settings.directional, settings.quantity);
         // About what pages show, seams closed: a flat normal map is to change nothing.
-        let seen = lightmap.irradiance(&patches);
+        let seen = lightmap.irradiance(patches);
         lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
     let bake =
@@ -152,6 +160,7 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         true => EnergyBalance::default(),
         false => balance(&bake, &lightmap, !settings.float),
     };
+    let Stage { patches, reflectance, emission, exposure, .. } = stage;
     Ok(Illuminated {
         patches,
         reflectance,
@@ -169,6 +178,53 @@ pub fn illuminate(scene: &Scene, atlas: &Atlas, settings: &Settings, progress: &
         layer_rays,
         probes,
     })
+}
+
+/// Does the part of the work on the light of a scene that is this process's, of several that share it; all is done by one of them when
+/// this returns, but for what comes after what blocks see.
+///
+/// # Errors
+/// As [`illuminate_with`]; `Awaited` where other machines have parts of it.
+pub fn share(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, progress: &dyn Progress) -> Result<()> {
+    let stage = Stage::new(scene, atlas, settings, work, progress)?;
+    let ground = stage.ground(scene, atlas);
+    let Stage { tracer: _, patches: _, reflectance, emission, exposure, lights, params } = &stage;
+    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
+    let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
+    let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work }, progress)?;
+    caustics::add(&lit, &parts, &mut apart, settings, progress)?;
+    kept::see(&lit, &apart.whole, &settings.block_params(), false, work, progress)?;
+    Ok(())
+}
+
+/// What light falls on.
+struct Stage {
+    tracer: Tracer,
+    patches: Patches,
+    reflectance: Reflectance,
+    emission: Emission,
+    exposure: Exposure,
+    lights: Lights,
+    params: DirectParams,
+}
+
+impl Stage {
+    fn new(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, progress: &dyn Progress) -> Result<Self> {
+        // The tree is built by one thread.
+        let triangles = Triangles::new(scene);
+        let (tracer, patches) =
+            rayon::join(|| Tracer::with(scene, triangles.clone()), || rasterize(scene, atlas, &triangles, progress));
+        let patches = patches?;
+        let ground = Ground { scene, atlas, tracer: &tracer, patches: &patches };
+        let (reflectance, emission) = reflectance(&ground, progress)?;
+        let exposure = kept::expose(&ground, settings.seed, work, progress)?;
+        let (lights, params) = (Lights::new(scene), settings.direct_params());
+        Ok(Self { tracer, patches, reflectance, emission, exposure, lights, params })
+    }
+
+    fn ground<'a>(&'a self, scene: &'a Scene, atlas: &'a Atlas) -> Ground<'a> {
+        Ground { scene, atlas, tracer: &self.tracer, patches: &self.patches }
+    }
 }
 
 /// Where all light of each patch comes from.
@@ -205,7 +261,7 @@ struct Found {
 }
 
 /// The light of all texels, by the method that is asked for.
-fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+fn find(lit: &Lit, settings: &Settings, dump: &Dump, work: &Work, progress: &dyn Progress) -> Result<Found> {
     let elements = || Elements::new(lit.ground, lit.exposure, lit.reflectance, settings.element_count(), settings.seed);
     let parts = parts(lit.ground.scene, settings.layers.contains(&LayerKind::LightGroups));
     let mut found = match (settings.method, settings.gather()) {
@@ -215,8 +271,8 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, progress: &dyn Progress) ->
         (Method::Path | Method::Ray | Method::Bidirectional | Method::Metropolis | Method::Photon, _) => {
             by_walks(lit, &parts, settings, dump, progress)?
         }
-        (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, progress)?,
-        (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, progress)?,
+        (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, work, progress)?,
+        (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, work, progress)?,
     };
     if leaves_out_sky(&parts) {
         found.leave_out_sky();
@@ -244,9 +300,16 @@ impl Found {
 }
 
 /// The light by radiosity between blocks of texels.
-fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progress: &dyn Progress) -> Result<Found> {
+fn by_blocks(
+    lit: &Lit,
+    parts: &[Part],
+    settings: &Settings,
+    dump: &Dump,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let keep = settings.layers.contains(&LayerKind::LightGroups);
-    let mut apart = direct_apart(lit, parts, keep, progress)?;
+    let mut apart = direct_apart(lit, parts, keep, &Lamps { lit, work }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, each } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
@@ -254,10 +317,15 @@ fn by_blocks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progre
     let wanted = Wanted { sources: &sources, bounces: settings.bounce_layers() };
     let params = settings.block_params();
     let params = BlockParams { layers: params.layers || leaves_out_sky(parts), ..params };
-    let (mut gathered, backs, exchanged) = {
-        let seen = look(lit, &direct, &params, progress)?;
-        exchange(lit, &direct, &params, wanted, seen, progress)?
-    };
+    let Sight { seen, is_fresh } = kept::see(lit, &direct, &params, false, work, progress)?;
+    let mut found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
+    // What was looked at in other light may be seen too coarsely in this one.
+    let is_rough = |exchanged: &Exchanged| exchanged.noise.hypot(exchanged.bias) > ROUGHER * params.error;
+    if !is_fresh && !settings.relight && is_rough(&found.2) {
+        let Sight { seen, .. } = kept::see(lit, &direct, &params, true, work, progress)?;
+        found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
+    }
+    let (mut gathered, backs, exchanged) = found;
     dump.patches("indirect", lit.ground, |i| gathered.irradiance[i] - direct.shown[i])?;
     let groups = light_groups(parts, &each, std::mem::take(&mut gathered.groups));
     let (elements, solution) = (Elements::default(), Solution::default());
@@ -290,13 +358,14 @@ fn by_elements(
     elements: Elements,
     settings: &Settings,
     dump: &Dump,
+    work: &Work,
     progress: &dyn Progress,
 ) -> Result<Found> {
     if settings.solver == Solver::FullMatrix {
         // Backs come on top of what the settings say.
         full_matrix::refuse_too_many(elements.len())?;
     }
-    let mut apart = direct_apart(lit, parts, false, progress)?;
+    let mut apart = direct_apart(lit, parts, false, &Lamps { lit, work }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, .. } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;

@@ -9,6 +9,7 @@ pub mod blocks;
 pub mod color;
 pub mod compare;
 pub mod contour;
+pub mod digest;
 pub mod energy;
 pub mod error;
 pub mod folder;
@@ -45,6 +46,7 @@ pub mod trace;
 pub mod transport;
 pub mod unwrap;
 pub mod view_factors;
+pub mod work;
 pub mod write;
 
 pub use error::{Error, Result};

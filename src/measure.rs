@@ -57,7 +57,7 @@ fn expose(
     mut show: impl FnMut(&Film) -> Result<()>,
 ) -> Result<Film> {
     let budget = settings.time_budget.map(Duration::from_secs_f64);
-    let most = settings.samples.or(budget.is_none().then_some(SAMPLES)).map(u64::from);
+    let most = samples(settings).map(u64::from);
     progress.begin(settings.method.name(), most.unwrap_or(0).saturating_mul(pixels as u64));
     if let Some(end) = budget {
         progress.ends_at(end);
@@ -71,6 +71,11 @@ fn expose(
         pace.show(|| show(&film))?;
     }
     Ok(film)
+}
+
+/// Samples a pixel; `None` where time alone bounds them.
+fn samples(settings: &Settings) -> Option<u32> {
+    settings.samples.or(settings.time_budget.is_none().then_some(SAMPLES))
 }
 
 /// The method that `settings` ask for.
@@ -90,7 +95,8 @@ fn method<'a>(world: &'a World<'a>, sensor: &'a dyn Sensor, settings: &Settings)
         Method::Bidirectional => Ok(Box::new(bidirectional()?)),
         Method::Metropolis => Ok(Box::new(Metropolis::new(bidirectional()?))),
         Method::Photon => {
-            let params = PhotonParams { max_bounces, seed, ..PhotonParams::default() };
+            let walks = samples(settings).map(PhotonParams::walks_of);
+            let params = PhotonParams { walks, max_bounces, seed, ..PhotonParams::default() };
             Ok(Box::new(Photons::new(world, sensor, params)?))
         }
         Method::Radiosity => Err(Error::invalid("method", "radiosity takes no pictures; choose path")),

@@ -5,7 +5,8 @@ use crate::added_light;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::{Illuminated, illuminate, needs_walks};
+use crate::illuminate::kept::{State, add_base};
+use crate::illuminate::{Illuminated, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
@@ -18,9 +19,11 @@ use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse
 use crate::scatter;
 use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
+use crate::store::{FolderLock, Key, Store};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
+use crate::work::{Stored, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
 
@@ -41,7 +44,7 @@ const LEAST_SAMPLES: u32 = 64;
 /// Those of the stages; nothing is written unless the whole bake succeeds.
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
-    let (mut report, mut loaded) = open(scene, folder, settings, &clock)?;
+    let (mut report, mut loaded, _lock) = open(scene, folder, settings, &clock)?;
     refuse_darkness(&loaded, settings)?;
     // Too many probes are found out now, too.
     settings.probe_params(&loaded.scene)?;
@@ -55,7 +58,17 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     if settings.caustics {
         scatter::adapt_for_caustics(&mut loaded.scene);
     }
-    let lit = illuminate(&loaded.scene, &atlas, settings, &clock)?;
+    let store = open_store(settings)?;
+    let work = work(&store, scene, &loaded.scene, &atlas, settings)?;
+    if settings.shard.is_some() {
+        share(&loaded.scene, &atlas, settings, &work, &clock)?;
+        report.warnings.extend(store.take_warnings());
+        report.stages = clock.stages();
+        return Ok(report);
+    }
+    let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
+    remember_state(&store, scene, &loaded.scene, &atlas)?;
+    report.warnings.extend(store.take_warnings());
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
     let of_light = lit.direct.rays + lit.solution.rays + lit.gathered.rays;
@@ -93,6 +106,55 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.describe_probes(&lit.probes);
     finish(&loaded, &atlas, Some(&lit), folder, settings, &clock, report)
 }
+
+/// The store in the folder that the settings name.
+fn open_store(settings: &Settings) -> Result<Store> {
+    settings.cache.as_deref().map_or_else(|| Ok(Store::none()), Store::open)
+}
+
+/// The work on a scene with lightmap UVs, as far as it is remembered.
+fn work<'a>(store: &'a Store, file: &Path, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<Work<'a>> {
+    if store.is_none() {
+        return Ok(Work::unstored());
+    }
+    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
+    let work = Work::new(store, base, settings.shard, settings.checkpoint());
+    if settings.shard.is_some() {
+        // What one process has seen before, another may not.
+        return Ok(work);
+    }
+    let now = State::new(scene, atlas, base);
+    let before = store.read(STATE, state_key(file))?.as_ref().and_then(State::restore);
+    let work = match before.and_then(|before| now.since(&before)) {
+        Some((base, change)) => work.after(base, change),
+        None => work,
+    };
+    Ok(work)
+}
+
+/// Notes what the bake of `file` was of, for the next one.
+fn remember_state(store: &Store, file: &Path, scene: &Scene, atlas: &Atlas) -> Result<()> {
+    if store.is_none() {
+        return Ok(());
+    }
+    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
+    let state = State::new(scene, atlas, base);
+    let sections = state.sections();
+    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
+    if let Err(error) = store.write(STATE, state_key(file), &sections) {
+        store.warn("cache", error);
+    }
+    Ok(())
+}
+
+/// The key under which the state of the last bake of `file` stands.
+fn state_key(file: &Path) -> Key {
+    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    Key::of("state", |hasher| hasher.add_str(&file.to_string_lossy()))
+}
+
+/// The kind of entries by which bakes of one file know what the last one was of.
+const STATE: &str = "state";
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
 fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
@@ -208,7 +270,7 @@ fn warn_of_doubts(report: &mut Report, settings: &Settings) {
 /// As [`bake`].
 pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
-    let (mut report, loaded) = open(scene, folder, settings, &clock)?;
+    let (mut report, loaded, _lock) = open(scene, folder, settings, &clock)?;
     let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
     finish(&loaded, &atlas, None, folder, settings, &clock, report)
 }
@@ -275,21 +337,40 @@ fn refuse_input(output: &Path, input: &Path) -> Result<()> {
     }
 }
 
-/// Checks the settings, reads the scene and adds the sky that the settings ask for.
-fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Result<(Report, Loaded)> {
+/// Holds the output folder for this process alone. One that can't be written to is found out now, not after hours of work.
+fn hold(folder: &Path) -> Result<FolderLock> {
+    let lock = match std::fs::create_dir_all(folder) {
+        Ok(()) => FolderLock::acquire(folder),
+        Err(e) => Err(Error::io(folder, e)),
+    };
+    match lock {
+        // Staging says what to do about it.
+        Err(error @ Error::Io { .. }) => Err(Staging::new(folder).err().unwrap_or(error)),
+        Err(error) => Err(error),
+        Ok(lock) => Staging::new(folder).map(|_| lock),
+    }
+}
+
+/// Checks the settings, reads the scene and adds the sky that the settings ask for. The output folder is held, unless nothing is
+/// written there.
+fn open(
+    scene: &Path,
+    folder: &Path,
+    settings: &Settings,
+    clock: &Clock,
+) -> Result<(Report, Loaded, Option<FolderLock>)> {
     settings.check()?;
     refuse_other_bake(scene, folder, settings.overwrite)?;
     clock.begin("load", 0);
     let mut loaded = load::load_with(scene, &settings.load_options())?;
-    // A folder that can't be written is found out now, not after hours of work.
-    Staging::new(folder)?;
+    let lock = if settings.shard.is_none() { Some(hold(folder)?) } else { None };
     added_light::add(&mut loaded, settings)?;
     limits::check_scene(&loaded, settings)?;
     let mut inputs = vec![Input::new(scene.to_path_buf())];
     inputs.extend(loaded.inputs.iter().filter(|p| *p != scene).cloned().map(Input::new));
     let warnings = std::mem::take(&mut loaded.warnings);
     let version = env!("CARGO_PKG_VERSION");
-    Ok((Report { version, inputs, settings: settings.clone(), warnings, ..Report::default() }, loaded))
+    Ok((Report { version, inputs, settings: settings.clone(), warnings, ..Report::default() }, loaded, lock))
 }
 
 fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Report) -> Result<Atlas> {

@@ -1,6 +1,6 @@
 //! What a bake is asked to do, and the presets behind it.
 
-mod bytes;
+pub mod bytes;
 mod check;
 mod outdoors;
 mod percent;
@@ -29,11 +29,13 @@ use crate::transport::hemicube::HemicubeParams;
 use crate::transport::{Effort, Method as FormFactors, TransportParams};
 use crate::unwrap::{Density, DensityVolume, PageSizes, UnwrapParams, Unwrapper, UvMode};
 use crate::view_factors::{self, ViewFactorParams};
+use crate::work::Shard;
 use crate::write::encode::Encoding;
 use crate::write::engines::{Engine, LightmapExtension};
 use crate::write::{BakedLights, GltfProfile, VertexColors};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Settings of a bake as a user gives them (command line or `lumel.toml`): an absent value is chosen by the quality preset.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -192,6 +194,28 @@ pub struct Settings {
     pub watch_every: Option<u64>,
     /// Replace another scene's bake in the output folder.
     pub overwrite: bool,
+    /// Folder of results that later bakes find again; none: nothing is kept.
+    #[serde(skip_serializing)]
+    pub cache: Option<PathBuf>,
+    /// Work that takes longer is put into the cache part by part, from then on [s]; none: 60.
+    #[serde(skip_serializing)]
+    pub checkpoint: Option<f64>,
+    /// This process does a bake together with others, which share its cache.
+    #[serde(skip_serializing)]
+    pub shard: Option<Shard>,
+    /// The light is found by what blocks saw in other light, however rough that is.
+    #[serde(skip_serializing)]
+    pub relight: bool,
+}
+
+/// After how much work parts of it are put into the cache [s].
+const CHECKPOINT: f64 = 60.0;
+
+impl Settings {
+    /// After how much work parts of it are put into the cache.
+    pub fn checkpoint(&self) -> Duration {
+        Duration::from_secs_f64(self.checkpoint.unwrap_or(CHECKPOINT))
+    }
 }
 
 /// How texels get their interreflected light from the solution.

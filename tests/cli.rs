@@ -161,7 +161,7 @@ fn help_says_units_and_defaults_and_version_says_the_version() {
     }
     let output = f.run(&["--help"]);
     let help = stdout(&output);
-    for command in ["bake", "unwrap", "inspect", "compare", "completions", "130 interrupted"] {
+    for command in ["bake", "unwrap", "inspect", "compare", "cache", "completions", "130 interrupted"] {
         assert!(help.contains(command), "{command}");
     }
     let version = stdout(&f.run(&["--version"]));

@@ -276,6 +276,42 @@ fn what_fog_scatters_is_that_of_paths() {
 }
 
 #[test]
+fn light_of_every_lamp_over_a_mirror_is_as_on_paper() {
+    // A level mirror of 2 x 2 m below a wide ceiling; where the sun stands, it comes in past the ceiling's edge.
+    let floor = Quad::new([-1., 0., -1.], [0., 0., 2.], [2., 0., 0.]);
+    let ceiling = Quad::new([-1., 2., -30.], [60., 0., 0.], [0., 0., 60.]).albedo(0.0);
+    let over_all = Quad::new([-30., 2., -30.], [60., 0., 0.], [0., 0., 60.]).albedo(0.0);
+    let height = 0.8f32;
+    let position = Vec3::new(0.0, height, 0.0);
+    let ball = glam::Affine3A::from_scale_rotation_translation(Vec3::splat(0.1), glam::Quat::IDENTITY, position);
+    let h = f64::from(height);
+    let solid_angle = 4.0 * (1.0 / (h * (2.0 + h * h).sqrt())).atan();
+    let slope = (1.0 + h * h).sqrt();
+    let factor = 4.0 / PI / slope * slope.recip().atan();
+    let direction = Vec3::new(1.0, -1.0, 0.0).normalize();
+    let sun = LightShape::Directional { direction, illuminance: Rgb::splat(10.0), angle: 0.0 };
+    let (u, v) = (Vec3::X * 0.01, Vec3::NEG_Z * 0.01);
+    let cases = [
+        (LightShape::Point { position, intensity: Rgb::splat(100.0), range: None }, 100.0 * solid_angle),
+        (LightShape::Sphere { world_from_unit: ball, radiance: Rgb::splat(1000.0) }, 10.0 * PI * solid_angle),
+        (LightShape::Rect { center: position, u, v, radiance: Rgb::splat(1e5) }, 1e5 * PI * 4e-4 * factor),
+        (sun, 40.0 * 0.5f64.sqrt()),
+    ];
+    for (shape, onto) in cases {
+        let is_sun = matches!(shape, LightShape::Directional { .. });
+        let mut scene = scene(&[floor, if is_sun { ceiling } else { over_all }]);
+        scene.materials[0] = mirror();
+        scene.lights.push(Light::new("lamp", shape));
+        with_texels(&scene, &atlas(2, 4), |world, texels| {
+            let found = caustics(world, texels, 1 << 19, 3, &Silent).unwrap().flux.x / onto;
+            println!("{found:.4} of what comes to the mirror: {:?}", scene.lights[0].shape);
+            // Schlick: from 0.9 head-on to 0.92 seen from the corners.
+            assert!((found / 0.903 - 1.0).abs() < 0.01, "{found}: {:?}", scene.lights[0].shape);
+        });
+    }
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
     let (mut scene, view) = ball_of_glass();
     scene.media.push(fog(0.2, 0.1));

@@ -372,6 +372,42 @@ fn a_full_disk_is_told_and_left_clean() {
     assert!(store.read("part", key(1)).unwrap().is_some());
 }
 
+/// Not a test: the other process of the one below, which writes to the store in `LUMEL_TEST_STORE` until it is killed.
+#[test]
+#[ignore = "a process of another test"]
+fn write_on() {
+    let Some(folder) = std::env::var_os("LUMEL_TEST_STORE") else { return };
+    let store = Store::open(Path::new(&folder)).unwrap();
+    let bytes = noise(3 << 20);
+    println!("begins");
+    for n in 0..u64::MAX {
+        store.write("part", key(n % 3), &[&bytes, &n.to_le_bytes()]).unwrap();
+    }
+}
+
+#[test]
+fn a_writer_that_is_killed_leaves_no_half_entry() {
+    let folder = Folder::new("killed");
+    let mut halves = 0;
+    for k in 0..12 {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--ignored", "--exact", "write_on", "--nocapture"]).env("LUMEL_TEST_STORE", &folder.0);
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap().contains("begins")));
+        std::thread::sleep(Duration::from_millis(5 + 3 * k));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let store = Store::open(&folder.0).unwrap();
+        assert!(store.verify(&Silent).unwrap().is_empty());
+        let temporary = all_files(&folder.0).into_iter().filter(|name| name.ends_with(".tmp"));
+        temporary.for_each(|name| used(&folder.0.join("v1/part").join(name), 60));
+        halves += store.prune(u64::MAX).unwrap().abandoned;
+        assert!(all_files(&folder.0).len() <= 3 + 1, "{:?}", all_files(&folder.0));
+    }
+    println!("{halves} of 12 were killed over a file");
+}
+
 /// Not a test: the other process of the one below, which takes the lock of the folder in `LUMEL_TEST_LOCK`, says so, and sleeps.
 #[test]
 #[ignore = "a process of another test"]
@@ -471,4 +507,50 @@ fn time_reading() {
         let file = fs::read(&path).unwrap();
         Key::of("x", |h| h.add_bytes(&file)).as_bytes().len()
     });
+}
+
+fn lumel(args: &[&str]) -> (Option<i32>, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_lumel")).args(args).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+#[test]
+fn the_command_lists_checks_and_prunes() {
+    let folder = Folder::new("command");
+    let (output, cache) = (folder.0.display().to_string(), folder.0.join(".lumel"));
+    let (code, _, stderr) = lumel(&["cache", "list", &output]);
+    assert!(code == Some(1) && stderr.contains("no cache") && !cache.exists(), "{stderr}");
+    for usage in [&["cache", "list"][..], &["cache", "prune", &output], &["cache", "prune", &output, "--max-size", "x"]]
+    {
+        assert_eq!(lumel(usage).0, Some(2), "{usage:?}");
+    }
+
+    let store = Store::open(&cache).unwrap();
+    store.write("links", key(1), &[&noise(3000)]).unwrap();
+    store.write("direct", key(2), &[&noise(1000)]).unwrap();
+    used(&file_of(&store, "direct", key(2)), 7300);
+    let (code, stdout, _) = lumel(&["cache", "list", &output]);
+    assert_eq!(code, Some(0));
+    for part in ["links", "direct", &key(1).to_string(), "2 h 01 min ago", "KiB", "all"] {
+        assert!(stdout.contains(part), "{part}: {stdout}");
+    }
+    let (_, stdout, _) = lumel(&["cache", "list", "--json", "--cache", &cache.display().to_string()]);
+    let listed: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(listed["entries"][0]["key"], key(2).to_string());
+    assert_eq!(listed["size"], store.survey().unwrap().size());
+
+    assert_eq!(lumel(&["--quiet", "cache", "verify", &output]), (Some(0), String::new(), String::new()));
+    let path = file_of(&store, "links", key(1));
+    let bytes = fs::read(&path).unwrap();
+    fs::write(&path, &bytes[1..]).unwrap();
+    for (args, stays) in [(&["cache", "verify", &output][..], true), (&["cache", "verify", "--remove", &output], false)]
+    {
+        let (code, stdout, stderr) = lumel(args);
+        assert!(code == Some(1) && stdout.contains(&key(1).to_string()) && stderr.contains("1 entry"), "{stderr}");
+        assert_eq!(path.exists(), stays);
+    }
+    assert_eq!(lumel(&["cache", "verify", &output]).0, Some(0));
+    let (code, stdout, _) = lumel(&["cache", "prune", "--max-size", "1K", &output]);
+    assert!(code == Some(0) && stdout.contains("removed") && !store.contains("direct", key(2)), "{stdout}");
 }

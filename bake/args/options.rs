@@ -348,6 +348,28 @@ pub struct RunningArgs {
     pub overwrite: Option<bool>,
 }
 
+/// What is remembered.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Cache")]
+#[serde(rename_all = "kebab-case")]
+pub struct RememberArgs {
+    /// Folder of what bakes remember: the direct light of each lamp, and what blocks of texels see of one another. The next bake
+    /// traces only what changed; one that was killed goes on where it was [default: .lumel in the output folder]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub cache: Option<PathBuf>,
+    /// Remember nothing, and read nothing that was remembered
+    #[arg(long, conflicts_with = "cache")]
+    #[serde(skip)]
+    pub no_cache: bool,
+    /// Work that takes longer is put into the cache part by part, from then on; 0: from the start [s; 0..1000000; default: 60]
+    #[arg(long, value_name = "SECONDS")]
+    pub checkpoint: Option<f64>,
+    /// Do the part I of the work, of N processes that share a cache, and write nothing else: whoever is done first helps the others.
+    /// `I/N alone`: on a machine that shares no folder, whose cache is brought together with the others'. `lumel merge` ends the bake
+    #[arg(long, value_name = "I/N", conflicts_with = "no_cache")]
+    pub shard: Option<String>,
+}
+
 /// Where a picture is taken from.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "View")]

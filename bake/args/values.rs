@@ -26,6 +26,11 @@ pub fn parse_size(text: &str) -> Result<(u32, Option<u32>), String> {
     }
 }
 
+/// An amount of memory, see [`lumel::settings::bytes`].
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    lumel::settings::bytes::parse(text).ok_or_else(|| "expected bytes, as in 2G, 512M or 1048576".to_string())
+}
+
 /// See [`SkySetting`].
 pub fn parse_sky(text: &str) -> Result<SkySetting, String> {
     text.parse()

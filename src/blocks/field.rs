@@ -3,10 +3,11 @@
 use super::block::Blocks;
 use super::guide::{Guide, View};
 use super::kept::Kept;
-use super::link::{Sight, SkyLink};
+use super::link::SkyLink;
 use super::reach::Reach;
 use super::respond::Response;
-use super::shoot::{Draw, Sampled, Samples, Scratch};
+use super::sampling::{Sampling, Source};
+use super::shoot::{Draw, Sampled};
 use super::show::neighbours;
 use super::sky_cells::{Escaped, SkyCells};
 use super::sweep::{BackLight, Radiosity, Swept, System};
@@ -18,6 +19,8 @@ use crate::light::direct::Arriving;
 use crate::light::{Direct, Lit};
 use crate::patch::NONE;
 use crate::progress::Progress;
+use crate::store::Hasher;
+use crate::work::Work;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -55,11 +58,14 @@ pub struct Field<'a> {
     bright: Option<(Guide, Reach)>,
     pub swept: Swept,
     pub rays: u64,
+    work: &'a Work<'a>,
+    /// How often blocks were sampled.
+    step: u64,
 }
 
 impl<'a> Field<'a> {
     /// The coarsest blocks, in the dark.
-    pub fn new(lit: &'a Lit<'a>, direct: &Direct, params: &'a BlockParams) -> Self {
+    pub fn new(lit: &'a Lit<'a>, direct: &Direct, params: &'a BlockParams, work: &'a Work<'a>) -> Self {
         let blocks = Blocks::new(lit);
         let n = blocks.list.len();
         let mut field = Self {
@@ -74,6 +80,8 @@ impl<'a> Field<'a> {
             bright: None,
             swept: Swept::default(),
             rays: 0,
+            work,
+            step: 0,
             blocks,
         };
         field.meet();
@@ -90,6 +98,7 @@ impl<'a> Field<'a> {
         params: &'a BlockParams,
         kept: &Kept,
         on_backs: Option<BackLight>,
+        work: &'a Work<'a>,
         progress: &dyn Progress,
     ) -> Result<Self> {
         let unlike = || Error::invalid("kept links", "they are of other texels; bake without the cache");
@@ -104,20 +113,8 @@ impl<'a> Field<'a> {
         if !is_there {
             return Err(unlike());
         }
-        let mut field = Self {
-            lit,
-            params,
-            around: Vec::new(),
-            sampled,
-            irradiance: kept.irradiance.clone(),
-            sent: sent(lit, direct, params),
-            on_backs: BackLight { of_block: vec![None; n - fronts], ..BackLight::default() },
-            base: vec![Rgb::ZERO; n],
-            bright: None,
-            swept: Swept::default(),
-            rays: kept.rays,
-            blocks,
-        };
+        let irradiance = kept.irradiance.clone();
+        let mut field = Self { rays: kept.rays, ..Self::with(lit, direct, params, blocks, sampled, irradiance, work) };
         match on_backs {
             Some(on_backs) => field.on_backs = on_backs,
             None => {
@@ -125,7 +122,7 @@ impl<'a> Field<'a> {
                 field.light_back_blocks(&back_blocks, progress)?;
             }
         }
-        field.base = (0..n).into_par_iter().with_max_len(SHARE).map(|b| field.base_of(b)).collect();
+        field.find_base();
         let flux = field.flux();
         let ratio = |k: usize| if kept.flux[k] > 0.0 { (flux[k] / kept.flux[k]) as f32 } else { 1.0 };
         let ratio = Rgb::from_array(std::array::from_fn(ratio));
@@ -169,12 +166,65 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// Blocks that have `sampled` what they see, and have about the light `irradiance` [lx]; backs are dark, and what shines is not known
+    /// yet.
+    pub fn with(
+        lit: &'a Lit<'a>,
+        direct: &Direct,
+        params: &'a BlockParams,
+        blocks: Blocks,
+        sampled: Vec<Sampled>,
+        irradiance: Vec<Rgb>,
+        work: &'a Work<'a>,
+    ) -> Self {
+        let n = blocks.list.len();
+        Self {
+            lit,
+            params,
+            around: Vec::new(),
+            sampled,
+            irradiance,
+            sent: sent(lit, direct, params),
+            on_backs: BackLight { of_block: vec![None; n - blocks.fronts()], ..BackLight::default() },
+            base: vec![Rgb::ZERO; n],
+            bright: None,
+            swept: Swept::default(),
+            rays: 0,
+            work,
+            step: 0,
+            blocks,
+        }
+    }
+
+    /// True where patch `i` has a back.
+    pub fn has_back(&self, i: u32) -> bool {
+        self.blocks.back_of.get(i as usize).is_some_and(|b| *b != NONE)
+    }
+
+    /// What shines, and how far it reaches, where that is known.
+    pub fn bright(&self) -> Option<&(Guide, Reach)> {
+        self.bright.as_ref()
+    }
+
+    /// Finds what the sky sends along the links that there are.
+    pub fn find_base(&mut self) {
+        self.base = (0..self.blocks.list.len()).into_par_iter().with_max_len(SHARE).map(|b| self.base_of(b)).collect();
+    }
+
     /// Adds `plan` samples to each half of the fronts, by block, and follows what they see of backs.
     ///
     /// # Errors
     /// `Cancelled`.
     pub fn look(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<()> {
-        let mut seen = self.glance(plan, progress)?;
+        let seen = self.glance(plan, progress)?;
+        self.follow_backs(seen, progress)
+    }
+
+    /// Lights the backs of the patches `seen`, and samples what they see in turn.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn follow_backs(&mut self, mut seen: Vec<u32>, progress: &dyn Progress) -> Result<()> {
         self.light_backs(&seen, progress)?;
         let fronts = self.blocks.fronts();
         let mut plan = vec![0; self.blocks.list.len()];
@@ -213,62 +263,36 @@ impl<'a> Field<'a> {
 
     /// Samples, and returns the patches whose backs were seen.
     fn sample(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<Vec<u32>> {
-        let mut sampled = std::mem::take(&mut self.sampled);
-        let Self { lit, params, blocks, irradiance, bright, .. } = &*self;
-        let draw = Draw { lit, blocks, seed: params.seed };
-        let one = |b: usize, found: &mut Sampled, scratch: &mut Scratch| -> (u64, Vec<u32>) {
-            let count = plan[b];
-            let from = [0, 1].map(|k| found.halves[k].links.len());
-            let mut arriving = std::mem::take(&mut scratch.arriving);
-            let view = bright.as_ref().and_then(|(guide, reach)| {
-                guide.arriving(&blocks.list[b], reach.of(b), &mut arriving);
-                view(guide, luminance(irradiance[b]), &arriving, count)
-            });
-            let areas = view.as_ref().map_or(0, |v| v.1);
-            let samples = Samples {
-                hemisphere: count - areas,
-                areas,
-                guide: bright.as_ref().map(|b| &b.0),
-                view: view.as_ref().map(|v| &v.0),
-            };
-            draw.sample(b, samples, found, scratch);
-            let sight = match bright {
-                Some((guide, _)) => Sight::new(guide, &found.drawn, arriving),
-                None => Sight::default(),
-            };
-            found.weigh(&sight);
-            scratch.arriving = sight.expected;
-            let mut backs: Vec<u32> = (found.halves.iter().zip(from))
-                .flat_map(|(half, from)| half.links[from..].iter().map(|l| l.target()))
-                .filter(|(_, back)| *back)
-                .map(|(patch, _)| patch as u32)
-                .collect();
-            backs.sort_unstable();
-            backs.dedup();
-            (2 * u64::from(count), backs)
+        let sampled = std::mem::take(&mut self.sampled);
+        let source = Source {
+            lit: self.lit,
+            params: self.params,
+            blocks: &self.blocks,
+            irradiance: &self.irradiance,
+            bright: self.bright.as_ref(),
+            progress,
         };
-        let done: Result<Vec<(u64, Vec<u32>)>> = sampled
-            .par_iter_mut()
-            .enumerate()
-            .with_max_len(SHARE)
-            .filter(|(b, _)| plan[*b] > 0)
-            .map_init(
-                || Scratch::new(lit.ground),
-                |scratch, (b, found)| {
-                    progress.check()?;
-                    Ok(one(b, found, scratch))
-                },
-            )
-            .collect();
+        let mut sampling = Sampling::new(source, sampled, plan);
+        let (parts, step) = (sampling.parts(), self.step);
+        // All that samples depend on beside the ground: the light so far decides where they go.
+        let add = |hasher: &mut Hasher| {
+            hasher.add_u64(step);
+            hasher.add_debug(self.params);
+            hasher.add_slice(plan);
+            hasher.add_slice(&self.irradiance);
+            hasher.add_slice(&self.base);
+            hasher.add_slice(&self.sent);
+        };
+        self.work.share("look", add, parts, &mut sampling, progress)?;
+        let Sampling { sampled, backs: mut seen, rays, .. } = sampling;
         self.sampled = sampled;
-        let done = done?;
+        self.step += 1;
+        self.rays += rays;
         let wanted: Vec<usize> = (0..plan.len()).filter(|&b| plan[b] > 0).collect();
         let base: Vec<Rgb> = wanted.par_iter().map(|&b| self.base_of(b)).collect();
         for (b, base) in wanted.into_iter().zip(base) {
             self.base[b] = base;
         }
-        self.rays += done.iter().map(|d| d.0).sum::<u64>();
-        let mut seen: Vec<u32> = done.into_iter().flat_map(|d| d.1).collect();
         seen.sort_unstable();
         seen.dedup();
         Ok(seen)
@@ -295,7 +319,7 @@ impl<'a> Field<'a> {
     }
 
     /// Finds the direct light on those backs of `patches` where it isn't known yet.
-    fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
+    pub fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
         let fresh: Vec<u32> = patches.iter().copied().filter(|i| !self.on_backs.of_patch.contains_key(i)).collect();
         let found = self.arriving(self.lit, &fresh, progress)?;
         for (i, arriving) in fresh.into_iter().zip(found) {
@@ -324,7 +348,7 @@ impl<'a> Field<'a> {
     }
 
     /// Finds the mean direct light on the backs `list`.
-    fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
+    pub fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
         let found = self.arriving_at_blocks(self.lit, list, progress)?;
         let fronts = self.blocks.fronts();
         for (&b, (mean, rays)) in list.iter().zip(found) {
@@ -353,11 +377,24 @@ impl<'a> Field<'a> {
         Ok(())
     }
 
-    /// Finds what shines, and how far it reaches.
+    /// Finds what shines, and how far it reaches. Links that there are don't know how likely they would have been found by that, and are
+    /// let go.
     ///
     /// # Errors
     /// `Cancelled`.
     pub fn find_bright(&mut self, progress: &dyn Progress) -> Result<()> {
+        self.find_guide(progress)?;
+        if self.bright.is_some() {
+            self.sampled.iter_mut().for_each(|found| *found = Sampled::default());
+        }
+        Ok(())
+    }
+
+    /// Finds what shines, and how far it reaches.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn find_guide(&mut self, progress: &dyn Progress) -> Result<()> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for &position in &self.lit.ground.patches.position {
             low = low.min(position);
@@ -377,10 +414,6 @@ impl<'a> Field<'a> {
         let reach = Reach::new(self.lit, &self.blocks, &guide, self.params.seed, progress)?;
         self.rays += reach.rays;
         self.bright = Some((guide, reach));
-        // Links found so far don't know how likely they would have been found by area sampling.
-        for found in &mut self.sampled {
-            *found = Sampled::default();
-        }
         Ok(())
     }
 
@@ -473,7 +506,7 @@ impl<'a> Field<'a> {
 
 /// What a block that receives `all` [lx] (luminance), and `arriving` from each cluster, sees shine, and how many of `count` samples go
 /// there; `None` where none do.
-fn view(guide: &Guide, all: f32, arriving: &[f32], count: u32) -> Option<(View, u32)> {
+pub fn draw_view(guide: &Guide, all: f32, arriving: &[f32], count: u32) -> Option<(View, u32)> {
     let view = guide.view(all, arriving)?;
     let share = view.recipe.arriving / all.max(f32::MIN_POSITIVE);
     let areas = if share > BRIGHT {

@@ -15,8 +15,10 @@ pub mod guide;
 mod incident;
 pub mod kept;
 pub mod link;
+mod moved;
 pub mod reach;
 pub mod respond;
+mod sampling;
 pub mod separate;
 pub mod shoot;
 pub mod show;
@@ -30,10 +32,12 @@ use crate::gather::{Backs, Gathered};
 use crate::light::{Direct, Lit};
 use crate::patch::{Cutter, SurfacePoint};
 use crate::progress::Progress;
+use crate::work::Work;
 use effort::{Left, Stakes, distances, too_coarse, too_near, variances};
 use field::Field;
 use glam::{DVec3, Vec3};
 use kept::Kept;
+pub use moved::look_again;
 use rayon::prelude::*;
 use respond::{DIFFERENCE, LANDED, Response, Values};
 use separate::{Separate, Wanted};
@@ -125,16 +129,21 @@ struct Judged {
     left: Left,
 }
 
-/// What blocks see, found in some light.
+/// What blocks see.
 pub struct Seen {
-    pub kept: Kept,
-    /// The direct light on backs, where it is known already.
+    kept: Kept,
     on_backs: Option<BackLight>,
 }
 
-impl From<Kept> for Seen {
-    fn from(kept: Kept) -> Self {
-        Self { kept, on_backs: None }
+impl Seen {
+    /// Of what was kept; `on_backs` is the direct light on backs, where it is known in the light of now.
+    pub fn joined(kept: Kept, on_backs: Option<BackLight>) -> Self {
+        Self { kept, on_backs }
+    }
+
+    /// What [`joined`](Self::joined) takes.
+    pub fn parted(self) -> (Kept, Option<BackLight>) {
+        (self.kept, self.on_backs)
     }
 }
 
@@ -142,11 +151,11 @@ impl From<Kept> for Seen {
 ///
 /// # Errors
 /// `Cancelled`.
-pub fn look(lit: &Lit, direct: &Direct, params: &BlockParams, progress: &dyn Progress) -> Result<Seen> {
+pub fn look(lit: &Lit, direct: &Direct, params: &BlockParams, work: &Work, progress: &dyn Progress) -> Result<Seen> {
     progress.begin("links", 0);
     let normals = shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
-    let mut run = Run::new(Field::new(lit, direct, params), direct, &normal, progress)?;
+    let mut run = Run::new(Field::new(lit, direct, params, work), direct, &normal, progress)?;
     let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
     run.reach(aim)?;
     while aim > params.error && !run.is_late() {
@@ -169,6 +178,7 @@ pub fn exchange(
     params: &BlockParams,
     wanted: Wanted,
     seen: Seen,
+    work: &Work,
     progress: &dyn Progress,
 ) -> Result<(Gathered, Backs, Exchanged)> {
     progress.begin("exchange", 0);
@@ -176,7 +186,7 @@ pub fn exchange(
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
     let Seen { kept, on_backs } = seen;
     let gain = kept.gain;
-    let mut field = Field::kept(lit, direct, params, &kept, on_backs, progress)?;
+    let mut field = Field::kept(lit, direct, params, &kept, on_backs, work, progress)?;
     drop(kept);
     field.solve(params.residual, progress)?;
     let radiosity = field.system().radiosity(&field.irradiance);

@@ -3,6 +3,7 @@
 use super::block::Blocks;
 use super::guide::{Aim, Found, Guide, View};
 use super::link::{Drawn, Half, Link, Sight, SkyLink};
+use super::moved::Towards;
 use crate::color::Rgb;
 use crate::light::Lit;
 use crate::light::direct::{Arriving, DirectParams, Receiver, glimpse};
@@ -10,6 +11,7 @@ use crate::patch::{Cutter, Footprint, Ground, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::trace::{Hit, Ray, Segment};
+use glam::Vec3;
 
 /// Normals that stand for those of a curved block.
 const MOST_NORMALS: usize = 16;
@@ -25,7 +27,7 @@ pub struct Sampled {
 }
 
 impl Sampled {
-    /// Weighs all links by the numbers of samples as they are now.
+    /// Weighs all links by the numbers of samples as they are now. Their form factors have yet to be [closed](Self::close).
     pub fn weigh(&mut self, sight: &Sight) {
         let drawn = &self.drawn;
         for half in &mut self.halves {
@@ -35,7 +37,19 @@ impl Sampled {
             half.sky_weights.clear();
             half.sky_weights.reserve_exact(half.sky.len());
             half.sky_weights.extend(half.sky.iter().map(|link| drawn.weigh_sky(sight, link)));
-            half.close(drawn);
+        }
+    }
+
+    /// Scales the form factors so that they add up to 1 with what is lost.
+    pub fn close(&mut self) {
+        self.halves.iter_mut().for_each(|half| half.close(&self.drawn));
+    }
+
+    /// Adds `fresh` links, in place of those with the form factors `dropped` by half.
+    pub fn join(&mut self, fresh: Self, dropped: [f32; 2]) {
+        self.drawn.normals = fresh.drawn.normals;
+        for ((half, fresh), dropped) in self.halves.iter_mut().zip(fresh.halves).zip(dropped) {
+            half.join(fresh, dropped);
         }
     }
 
@@ -53,6 +67,8 @@ pub struct Samples<'a> {
     /// What shines, once it is known; `view` where some of it is bright to the block.
     pub guide: Option<&'a Guide>,
     pub view: Option<&'a View>,
+    /// Samples in other directions are drawn and not traced; none: all are.
+    pub towards: Option<&'a Towards<'a>>,
 }
 
 /// Who draws: every half of every block has its own sequences.
@@ -118,7 +134,7 @@ impl<'a> Scratch<'a> {
 impl Draw<'_> {
     /// Adds `samples` to both halves of block `b`.
     pub fn sample(&self, b: usize, samples: Samples, found: &mut Sampled, scratch: &mut Scratch) {
-        let Samples { hemisphere, areas, guide, view } = samples;
+        let Samples { hemisphere, areas, guide, view, towards } = samples;
         let mut starts = std::mem::take(&mut scratch.starts);
         starts.clear();
         for (stage, count) in [(Stage::Block, hemisphere), (Stage::BlockArea, areas)] {
@@ -129,22 +145,30 @@ impl Draw<'_> {
                 starts.extend((first..first + count).map(start));
             }
         }
+        let block = &self.blocks.list[b];
+        let mut in_hemisphere = 2 * hemisphere as usize;
+        if let Some(towards) = towards.filter(|_| block.is_flat()) {
+            let to_areas = starts.split_off(in_hemisphere);
+            let frame = frame(block.normal);
+            starts.retain(|s| towards.holds(frame * cosine_hemisphere([s.u[2], s.u[3]])));
+            in_hemisphere = starts.len();
+            starts.extend(to_areas);
+        }
         self.place(b, &mut starts, scratch);
         // Exactly as much as may come: vectors that grow by themselves are copied time and again.
         found.halves.iter_mut().for_each(|half| half.links.reserve_exact((hemisphere + areas) as usize));
-        let (over_hemisphere, to_areas) = starts.split_at(2 * hemisphere as usize);
+        let (over_hemisphere, to_areas) = starts.split_at(in_hemisphere);
         if found.drawn.normals.0.is_empty() {
-            let block = &self.blocks.list[b];
             found.drawn.normals.0 = if block.is_flat() {
                 vec![block.normal]
             } else {
                 over_hemisphere.iter().take(MOST_NORMALS).map(|s| s.point.normal).collect()
             };
         }
-        self.hemisphere(over_hemisphere, guide, found, scratch);
+        self.hemisphere(over_hemisphere, guide, towards, found, scratch);
         found.drawn.hemisphere += hemisphere;
         if let (Some(guide), Some(view)) = (guide, view) {
-            self.areas(b, to_areas, guide, view, found, scratch);
+            self.areas(b, to_areas, (guide, view), towards, found, scratch);
             found.drawn.expect(view, areas);
         }
         scratch.starts = starts;
@@ -200,22 +224,35 @@ impl Draw<'_> {
         }
     }
 
-    fn hemisphere(&self, starts: &[Start], guide: Option<&Guide>, found: &mut Sampled, scratch: &mut Scratch) {
+    fn hemisphere(
+        &self,
+        starts: &[Start],
+        guide: Option<&Guide>,
+        towards: Option<&Towards>,
+        found: &mut Sampled,
+        scratch: &mut Scratch,
+    ) {
         let Lit { ground, .. } = *self.lit;
         let has_sky = self.lit.lights.sky.is_some();
-        let Scratch { rays, hits, tints, .. } = scratch;
+        let Scratch { rays, halves, hits, tints, .. } = scratch;
         let ray = |s: &Start| Ray {
             origin: ground.tracer.off_surface(s.point.position, s.point.normal),
             direction: frame(s.point.normal) * cosine_hemisphere([s.u[2], s.u[3]]),
         };
         rays.clear();
-        rays.extend(starts.iter().map(ray));
+        halves.clear();
+        for (start, ray) in starts.iter().map(|start| (start, ray(start))) {
+            if towards.is_none_or(|towards| towards.holds(ray.direction)) {
+                rays.push(ray);
+                halves.push(start.half);
+            }
+        }
         hits.clear();
         hits.resize(rays.len(), None);
         ground.tracer.closest_tinted(rays, hits, tints);
-        for (k, ((start, ray), hit)) in starts.iter().zip(&*rays).zip(&*hits).enumerate() {
+        for (k, ((half, ray), hit)) in halves.iter().zip(&*rays).zip(&*hits).enumerate() {
             let tint = tint(tints, k);
-            let half = &mut found.halves[start.half];
+            let half = &mut found.halves[*half];
             let Some(hit) = hit else {
                 if has_sky {
                     let known = guide.map_or(Found::NOTHING, |g| g.find_sky(ray.origin, ray.direction));
@@ -245,8 +282,8 @@ impl Draw<'_> {
         &self,
         b: usize,
         starts: &[Start],
-        guide: &Guide,
-        view: &View,
+        (guide, view): (&Guide, &View),
+        towards: Option<&Towards>,
         found: &mut Sampled,
         scratch: &mut Scratch,
     ) {
@@ -257,6 +294,7 @@ impl Draw<'_> {
         links.clear();
         rays.clear();
         halves.clear();
+        let is_wanted = |direction: Vec3| towards.is_none_or(|towards| towards.holds(direction));
         for start in starts {
             let origin = tracer.off_surface(start.point.position, start.point.normal);
             let (cluster, rest) = view.pick(start.u[2]);
@@ -268,12 +306,12 @@ impl Draw<'_> {
                     let square = way.length_squared();
                     let direction = way / square.sqrt();
                     let cos = -direction.dot(normal);
-                    if square > 0.0 && direction.dot(start.point.normal) > 0.0 && cos > 0.0 {
+                    if square > 0.0 && direction.dot(start.point.normal) > 0.0 && cos > 0.0 && is_wanted(direction) {
                         segments.push(Segment { from: origin, to: position });
                         links.push((start.half, Link::new(patch, false, direction, guide.pdf(patch, square, cos))));
                     }
                 }
-                Some(Aim::Sky { direction }) if direction.dot(start.point.normal) > 0.0 => {
+                Some(Aim::Sky { direction }) if direction.dot(start.point.normal) > 0.0 && is_wanted(direction) => {
                     rays.push(Ray { origin, direction });
                     halves.push(start.half);
                 }

@@ -12,6 +12,9 @@ use crate::scene::{LightShape, Scene};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
+/// Numbers that light sets out by.
+pub const CHOICES: usize = 6;
+
 /// All that paths from lights set out from.
 pub struct Sources {
     each: Vec<Source>,
@@ -91,7 +94,13 @@ impl Sources {
 
     /// Light that sets out from one of the sources. `None` where what was drawn sends nothing that way.
     pub fn emit(&self, world: &World, numbers: &mut impl Numbers) -> Option<Emitted> {
-        let (chosen, at, towards) = (numbers.next(), numbers.pair(), numbers.triple());
+        let (chosen, [a, b], [c, d, e]) = (numbers.next(), numbers.pair(), numbers.triple());
+        self.emit_by(world, [chosen, a, b, c, d, e])
+    }
+
+    /// The same by numbers in [0, 1): of the source, of the place on it, and of the way. Light that is alike is near in them.
+    pub fn emit_by(&self, world: &World, [chosen, a, b, c, d, e]: [f32; CHOICES]) -> Option<Emitted> {
+        let (at, towards) = ([a, b], [c, d, e]);
         let (index, _) = self.choice.as_ref()?.sample(chosen);
         let source = self.each[index];
         let chance = self.choice.as_ref()?.pdf(index) as f32;
@@ -194,8 +203,12 @@ impl Sources {
             }
             LightShape::Sphere { world_from_unit, .. } => {
                 let (centre, radius) = ball(world_from_unit)?;
-                let normal = sphere(at);
-                let (position, direction) = (centre + normal * radius, frame(normal) * cosine_hemisphere(v));
+                // The direction first, which all of the ball shares, then the place on the half that faces it: seen across, even, as
+                // the cosine to the normal has it.
+                let (direction, across) = (sphere(v), disc(at));
+                let height = (1.0 - across.length_squared()).max(0.0).sqrt();
+                let normal = (frame(direction) * across.extend(height)).normalize();
+                let position = centre + normal * radius;
                 let radiance = delta.disc_radiance(world.scene, position, direction);
                 let place_pdf = chance * SPHERE_PDF / (radius * radius);
                 let direction_pdf = cosine_hemisphere_pdf(normal.dot(direction));

@@ -11,6 +11,7 @@ use super::receiver::Site;
 use super::shadow::{Ballot, Examined, Look, Volley, examine, glance};
 use super::sharp_sky::add_sky;
 use super::skylight::{self, SkyLook};
+use super::touched::Kept;
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -79,6 +80,8 @@ impl Direct {
 pub(super) const BLOCK_LEVEL: u32 = 3;
 /// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.
 pub(super) const SHARE: usize = 8;
+/// One of so many blocks tells about the light of all.
+const GLIMPSED: usize = 16;
 /// Blocks that are glanced at before what was seen is put away.
 const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
@@ -100,28 +103,76 @@ pub(super) const MOST_ROUNDS: usize = 16;
 /// # Errors
 /// `Cancelled`.
 pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
+    direct_beside(lit, &[], None, progress)
+}
+
+/// About the direct light that falls on patches, added up [lm], by channel: from a first look at some of them.
+///
+/// # Errors
+/// `Cancelled`.
+pub(super) fn glimpse_flux(lit: &Lit, progress: &dyn Progress) -> Result<DVec3> {
+    let blocks = lit.ground.blocks(BLOCK_LEVEL);
+    let some: Vec<&Range<usize>> = blocks.iter().step_by(GLIMPSED).collect();
+    let has_sky = lit.lights.has_sharp_sky();
+    let of_block = |block: &&Range<usize>| {
+        progress.check()?;
+        let all: Vec<usize> = (*block).clone().collect();
+        let found = at_block(lit, block, &all, |sight, emitters, sites| {
+            let mut found = glance(sight, emitters, sites, &mut Volley::default());
+            if has_sky {
+                for ((sum, _), site) in found.iter_mut().zip(sites) {
+                    sum.transport += skylight::look(sight, site.receiver, SkyLook::FIRST).arriving.transport;
+                }
+            }
+            found
+        });
+        let flux = all
+            .iter()
+            .zip(&found)
+            .map(|(&i, (arriving, _))| arriving.transport.as_dvec3() * f64::from(lit.exposure.area[i]));
+        Ok(flux.sum::<DVec3>())
+    };
+    let each: Vec<DVec3> = some.par_iter().with_max_len(SHARE).map(of_block).collect::<Result<_>>()?;
+    Ok(each.iter().sum::<DVec3>() * GLIMPSED as f64)
+}
+
+/// As [`direct`], where `beside` it there is other light [lx], by patch: shadows are looked at less closely in it. Empty: none. Of what is
+/// `kept` from before a change, that alone is found anew which the change can touch.
+///
+/// # Errors
+/// `Cancelled`.
+pub(super) fn direct_beside(lit: &Lit, beside: &[Rgb], kept: Option<&Kept>, progress: &dyn Progress) -> Result<Direct> {
     let patches = lit.ground.patches;
     let has_sky = lit.lights.has_sharp_sky();
-    progress.begin("direct", patches.len() as u64 * if has_sky { 3 } else { 1 });
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
     let (mut arriving, mut ballots) = (Vec::with_capacity(patches.len()), Vec::with_capacity(patches.len()));
     let mut around = Vec::with_capacity(blocks.len());
-    for batch in blocks.chunks(BATCH) {
-        let look = |block: &Range<usize>| {
+    let touched = kept.map(|kept| (kept, kept.touched(lit, &blocks)));
+    for (first, batch) in (0..).step_by(BATCH).zip(blocks.chunks(BATCH)) {
+        let look = |(b, block): (usize, &Range<usize>)| {
             progress.check()?;
             progress.advance(block.len() as u64);
+            if let Some((kept, touched)) = &touched
+                && !touched[first + b]
+            {
+                return Ok(block.clone().map(|i| (kept.arriving(i), Ballot::default())).collect());
+            }
             let all: Vec<usize> = block.clone().collect();
             Ok(at_block(lit, block, &all, |sight, emitters, sites| {
                 glance(sight, emitters, sites, &mut Volley::default())
             }))
         };
         let glances: Vec<Vec<(Arriving, Ballot)>> =
-            batch.par_iter().with_max_len(SHARE).map(look).collect::<Result<_>>()?;
+            batch.par_iter().enumerate().with_max_len(SHARE).map(look).collect::<Result<_>>()?;
         around.extend(glances.iter().map(|block| mean_light(block)));
         for (arrived, ballot) in glances.into_iter().flatten() {
             arriving.push(arrived);
             ballots.push(ballot);
         }
+    }
+    for (around, block) in around.iter_mut().zip(&blocks) {
+        let others = beside.get(block.clone()).unwrap_or_default();
+        *around += others.iter().map(|e| luminance(*e)).sum::<f32>() / block.len() as f32;
     }
     let close = Close { lit, blocks: &blocks, around: &around, progress };
     let noise = close.follow(ballots, &mut arriving)?;

@@ -7,6 +7,7 @@ pub mod delta;
 pub mod direct;
 pub mod emitter;
 pub mod incident;
+pub mod kept;
 pub mod mask;
 pub mod parts;
 mod penumbra;
@@ -19,7 +20,9 @@ mod sharp_sky;
 pub mod sky;
 mod skylight;
 pub mod terminator;
+mod touched;
 pub mod tree;
+pub mod units;
 
 pub use direct::{Direct, direct};
 pub use incident::incident;

@@ -4,7 +4,8 @@
 //! of the parts, in order. Without groups, and with everything baked, there are no parts, and nothing differs from a bake that knows
 //! none.
 
-use super::direct::{Direct, direct};
+use super::direct::Direct;
+use super::units::{Beside, Memory, direct_of};
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::Rgb;
@@ -73,43 +74,6 @@ fn all_shining(scene: &Scene) -> impl Iterator<Item = Shining> {
     (0..scene.lights.len()).map(Shining::Light).chain(glowing).chain(skies)
 }
 
-/// Lights whose direct light is found on its own, at most, but for the sky.
-const MOST_UNITS: usize = 24;
-
-/// `shining` cut into units whose direct light is found, and kept, on its own: one a light, several where there are very many; the sky
-/// as a whole.
-fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
-    let (skies, others): (Vec<Shining>, Vec<Shining>) = shining.iter().partition(|s| matches!(s, Shining::Sky(_)));
-    let size = others.len().div_ceil(MOST_UNITS).max(1);
-    others.chunks(size).map(<[Shining]>::to_vec).chain((!skies.is_empty()).then_some(skies)).collect()
-}
-
-/// The direct light of `shining`, which is that of `lit`: the sum over its units.
-fn direct_of(lit: &Lit, shining: &[Shining], progress: &dyn Progress) -> Result<Direct> {
-    let scene = lit.ground.scene;
-    let units = units(shining);
-    if units.len() < 2 {
-        return direct(lit, progress);
-    }
-    let mut sum: Option<Direct> = None;
-    for unit in &units {
-        let is_own = |shining: Shining| unit.contains(&shining);
-        let lights = Lights::of(scene, is_own);
-        if lights.is_empty() {
-            continue;
-        }
-        let found = direct(&Lit { lights: &lights, ..*lit }, progress)?;
-        sum = Some(match sum {
-            None => found,
-            Some(sum) => sum.plus(&found),
-        });
-    }
-    match sum {
-        Some(sum) => Ok(sum),
-        None => direct(lit, progress),
-    }
-}
-
 /// The first sky that takes part in the bake: the others are taken as it is.
 fn first_sky(scene: &Scene) -> Option<usize> {
     let mut skies = scene.environment.iter().flat_map(Environment::each);
@@ -144,23 +108,36 @@ pub struct Apart {
     pub each: Vec<Direct>,
 }
 
-/// The direct light of `parts`, each on its own where `keep`.
+/// The direct light of `parts`, each on its own where `keep`; `memory` remembers that of lamps.
 ///
 /// # Errors
-/// `Cancelled`.
-pub fn direct_apart(lit: &Lit, parts: &[Part], keep: bool, progress: &dyn Progress) -> Result<Apart> {
+/// Those of `memory`; `Cancelled`.
+pub fn direct_apart(
+    lit: &Lit,
+    parts: &[Part],
+    keep: bool,
+    memory: &dyn Memory,
+    progress: &dyn Progress,
+) -> Result<Apart> {
+    let units = if parts.is_empty() { 1 } else { parts.len() };
+    progress.begin("direct", (units * lit.ground.patches.len()) as u64);
     if parts.is_empty() {
         let scene = lit.ground.scene;
         let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
         let shining: Vec<Shining> = all_shining(scene).filter(takes_part).collect();
-        return Ok(Apart { whole: direct_of(lit, &shining, progress)?, left_out: None, each: Vec::new() });
+        return Ok(Apart {
+            whole: direct_of(lit, &shining, &mut Beside::default(), memory, progress)?,
+            left_out: None,
+            each: Vec::new(),
+        });
     }
     let count = lit.ground.patches.len();
+    let mut beside = Beside::default();
     let (mut transport, mut shown) = (vec![Rgb::ZERO; count], vec![Rgb::ZERO; count]);
     let mut left_out = None;
     let (mut inflow, mut rays, mut each) = (DVec3::ZERO, 0, Vec::new());
     for part in parts {
-        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, progress)?;
+        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, &mut beside, memory, progress)?;
         add(&mut transport, |i| found.transport[i]);
         let slot = match part.mode {
             BakeMode::Indirect => left_out.get_or_insert_with(|| vec![Rgb::ZERO; count]),

@@ -52,13 +52,16 @@ impl<'a> Pace<'a> {
     /// Those of the method; `Cancelled` where the caller wants to end.
     pub fn pass(&mut self, method: &mut dyn Integrator, film: &mut Film, pixels: usize) -> Result<bool> {
         let begun = Instant::now();
-        let is_first = film.passes() == 0;
+        let before = film.passes();
+        let is_first = before == 0;
         let pass = Pass { pace: self, pixels: pixels as u64, done: AtomicU64::new(0), is_first };
         match method.pass(film, &pass) {
             Err(Error::Cancelled) if !self.progress.cancelled() => Ok(false),
             Err(error) => Err(error),
             Ok(()) => {
-                let rest = pass.pixels.saturating_sub(pass.done.into_inner());
+                // Some methods make several samples of a pixel at once.
+                let made = (film.passes() - before).saturating_mul(pixels as u64);
+                let rest = made.saturating_sub(pass.done.into_inner().min(pass.pixels));
                 self.progress.advance(rest);
                 self.pass = begun.elapsed();
                 Ok(true)

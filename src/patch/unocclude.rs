@@ -20,8 +20,12 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
+use crate::store::Entry;
 use crate::trace::{Hit, Ray};
+use crate::work::{Change, Stored};
+use glam::Vec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Blocks of 2^1 texels a side are probed together.
@@ -88,17 +92,124 @@ impl Exposure {
     }
 }
 
+/// Set where a patch is covered.
+const COVERED: u32 = 1 << 16;
+
+fn code(opening: &Opening) -> u32 {
+    u32::from(opening.cells.0) | if opening.is_covered { COVERED } else { 0 }
+}
+
+/// How far around what changed patches may lie in it, over their side.
+const NEAR: f32 = 4.0;
+
 /// Finds the open cells of every patch.
 ///
 /// # Errors
 /// `Cancelled`.
 pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<Exposure> {
+    Ok(Openings::find(ground, seed, progress)?.expose(ground))
+}
+
+/// What lies in the open of those patches that don't as a whole.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Openings {
+    /// Ascending patches, and their open cells, with [`COVERED`].
+    cells: Vec<[u32; 2]>,
+    /// The share of the area of each.
+    shares: Vec<f32>,
+    rays: u64,
+}
+
+impl Openings {
+    /// The exposure of the patches of `ground`.
+    pub fn expose(&self, ground: &Ground) -> Exposure {
+        let patches = ground.patches;
+        let mut area = patches.area.clone();
+        let mut cells = vec![CellMask::ALL; patches.len()];
+        for (&[i, open], share) in self.cells.iter().zip(&self.shares) {
+            cells[i as usize] = CellMask(open as u16);
+            area[i as usize] *= share;
+        }
+        let stops = Stops::new(ground);
+        if let Some(stops) = &stops {
+            area.iter_mut().enumerate().for_each(|(i, area)| *area *= stops.share(i));
+        }
+        Exposure { cells, area, stops, rays: self.rays }
+    }
+
+    /// True where all are of `patches` patches.
+    pub fn fit(&self, patches: usize) -> bool {
+        self.cells.len() == self.shares.len() && self.cells.last().is_none_or(|last| (last[0] as usize) < patches)
+    }
+
+    /// Finds them.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn find(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<Self> {
+        let all = |_: usize| true;
+        Ok(Self::of(find(ground, seed, vec![Opening::ALL; ground.patches.len()], &all, progress)?))
+    }
+
+    /// Finds them after a `change`, where it can have changed them.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn find_again(&self, ground: &Ground, seed: u32, change: &Change, progress: &dyn Progress) -> Result<Self> {
+        let patches = ground.patches;
+        let is_near = |i: usize| {
+            let reach = NEAR * patches.area[i].sqrt();
+            let position = patches.position[i];
+            let is_in = |b: &[Vec3; 2]| position.cmpge(b[0] - reach).all() && position.cmple(b[1] + reach).all();
+            change.surfaces[patches.surface(i) as usize] || change.boxes.iter().any(is_in)
+        };
+        let mut openings = vec![Opening::ALL; patches.len()];
+        for (&[i, open], &share) in self.cells.iter().zip(&self.shares).filter(|(cell, _)| !is_near(cell[0] as usize)) {
+            openings[i as usize] = Opening { cells: CellMask(open as u16), share, is_covered: open & COVERED != 0 };
+        }
+        Ok(Self::of(find(ground, seed, openings, &is_near, progress)?))
+    }
+
+    fn of((openings, rays): (Vec<Opening>, u64)) -> Self {
+        let partly = || openings.iter().zip(0..).filter(|(opening, _)| **opening != Opening::ALL);
+        Self {
+            cells: partly().map(|(opening, i)| [i, code(opening)]).collect(),
+            shares: partly().map(|(opening, _)| opening.share).collect(),
+            rays,
+        }
+    }
+}
+
+impl Stored for Openings {
+    fn sections(&self) -> Vec<Cow<'_, [u8]>> {
+        let bytes = [bytemuck::cast_slice(&self.cells), bytemuck::cast_slice(&self.shares)];
+        bytes.map(Cow::Borrowed).into_iter().chain([Cow::Owned(self.rays.to_le_bytes().to_vec())]).collect()
+    }
+
+    fn restore(entry: &Entry) -> Option<Self> {
+        let cells = entry.slice::<[u32; 2]>(0).ok()?.to_vec();
+        let &[rays] = entry.slice::<u64>(2).ok()? else { return None };
+        cells.is_sorted().then_some(Self { cells, shares: entry.slice::<f32>(1).ok()?.to_vec(), rays })
+    }
+}
+
+/// Finds the openings of patches that are `wanted`, and of those around that follow from them; `openings` are those of the others.
+fn find(
+    ground: &Ground,
+    seed: u32,
+    mut openings: Vec<Opening>,
+    wanted: &(dyn Fn(usize) -> bool + Sync),
+    progress: &dyn Progress,
+) -> Result<(Vec<Opening>, u64)> {
     let patches = ground.patches;
     progress.begin("unocclude", patches.len() as u64);
     let blocks = ground.blocks(BLOCK_LEVEL);
-    let mut rays = patches.len() as u64;
-    let mut suspects = glance(ground, &blocks, seed, progress)?;
-    let mut openings = vec![Opening::ALL; patches.len()];
+    let is_wanted = |block: &Range<usize>| block.clone().any(wanted);
+    let numbers: Vec<usize> = (0..blocks.len()).into_par_iter().filter(|&b| is_wanted(&blocks[b])).collect();
+    let some: Vec<Range<usize>> = numbers.iter().map(|&b| blocks[b].clone()).collect();
+    let mut rays = some.iter().map(|block| block.len() as u64).sum();
+    let suspects = glance(ground, &some, seed, progress)?;
+    let mut suspects: Vec<usize> = suspects.into_iter().map(|k| numbers[k]).collect();
     let mut is_probed = vec![false; blocks.len()];
     // What lies inside goes on into the next block, wherever it was found: it is followed to its end.
     while !suspects.is_empty() {
@@ -126,14 +237,7 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
         }
     }
     leave_inside_out_charts(ground, &mut openings);
-    let open = |(area, opening): (&f32, &Opening)| area * opening.share;
-    let mut area: Vec<f32> = patches.area.iter().zip(&openings).map(open).collect();
-    let cells = openings.into_iter().map(|opening| opening.cells).collect();
-    let stops = Stops::new(ground);
-    if let Some(stops) = &stops {
-        area.iter_mut().enumerate().for_each(|(i, area)| *area *= stops.share(i));
-    }
-    Ok(Exposure { cells, area, stops, rays })
+    Ok((openings, rays))
 }
 
 fn leave_inside_out_charts(ground: &Ground, openings: &mut [Opening]) {

@@ -10,6 +10,7 @@ use super::fresnel::{self, Rise};
 use super::ggx::{Ggx, mirrored, refracted};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 /// Cosines and roughnesses of a table.
 const COSINES: usize = 48;
@@ -19,6 +20,21 @@ const MEANS: usize = 4 * (ROUGHNESSES - 1) + 1;
 /// Points of the quadrature over visible normals: a Fibonacci lattice, and the number before. Errors stay below 5e-4.
 const POINTS: u32 = 610;
 const POINTS_BEFORE: u32 = 377;
+
+/// What tables depend on.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Mirrors(Rise),
+    Rising(Rise),
+    /// A side of an interface, by the index ahead.
+    Side(f32),
+}
+
+/// Tables that were found before, whatever the scene: each takes some tens of milliseconds, and they are the same every time.
+static KNOWN: Mutex<Vec<(Kind, Vec<Table>)>> = Mutex::new(Vec::new());
+
+/// Kinds that are kept: about 7 KB a table.
+const MOST_KNOWN: usize = 256;
 
 /// Width of the GGX distribution at a perceptual roughness.
 pub fn alpha(roughness: f32) -> f32 {
@@ -34,8 +50,23 @@ pub struct Table {
 }
 
 impl Table {
-    /// Tables of `shares`, functions of the direction of sight and the distribution.
-    fn several<const N: usize>(shares: impl Fn(Vec3, Ggx) -> [f32; N] + Sync) -> [Self; N] {
+    /// Tables of the kind `of`, of `shares`, functions of the direction of sight and the distribution; found once a process.
+    fn several<const N: usize>(of: Kind, shares: impl Fn(Vec3, Ggx) -> [f32; N] + Sync) -> [Self; N] {
+        // Not locked meanwhile: a thread that waits within parallel work may be given other work that needs the lock.
+        let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        let before =
+            known().iter().find(|(kind, _)| *kind == of).and_then(|(_, tables)| tables.clone().try_into().ok());
+        before.unwrap_or_else(|| {
+            let tables = Self::integrated(shares);
+            let mut known = known();
+            if known.len() < MOST_KNOWN && known.iter().all(|(kind, _)| *kind != of) {
+                known.push((of, tables.to_vec()));
+            }
+            tables
+        })
+    }
+
+    fn integrated<const N: usize>(shares: impl Fn(Vec3, Ggx) -> [f32; N] + Sync) -> [Self; N] {
         let values: Vec<[f32; N]> = (0..ROUGHNESSES * COSINES)
             .into_par_iter()
             .map(|k| {
@@ -139,12 +170,12 @@ fn seen_from_above(o: Vec3, i: Vec3, ggx: Ggx) -> f32 {
 
 /// What facets reflect that reflect everything, as Schlick's curve has it, and as that of `rise` does.
 pub fn mirrors(rise: Rise) -> [Table; 3] {
-    Table::several(|o, ggx| reflected(o, ggx, |cos| [1.0, fresnel::schlick(cos), rise.at(cos)]))
+    Table::several(Kind::Mirrors(rise), |o, ggx| reflected(o, ggx, |cos| [1.0, fresnel::schlick(cos), rise.at(cos)]))
 }
 
 /// What facets reflect that reflect as `rise` says.
 pub fn rising(rise: Rise) -> Table {
-    let [table] = Table::several(|o, ggx| reflected(o, ggx, |cos| [rise.at(cos)]));
+    let [table] = Table::several(Kind::Rising(rise), |o, ggx| reflected(o, ggx, |cos| [rise.at(cos)]));
     table
 }
 
@@ -178,7 +209,7 @@ impl Interface {
     /// The interface of a solid of index `ior`.
     pub fn new(ior: f32) -> Self {
         let side = |eta: f32| {
-            let [reflected, transmitted] = Table::several(|o, ggx| {
+            let [reflected, transmitted] = Table::several(Kind::Side(eta), |o, ggx| {
                 over_normals(o, ggx, |h| {
                     let fresnel = fresnel::dielectric(o.dot(h), eta);
                     let back = fresnel * seen_from_above(o, mirrored(o, h), ggx);

@@ -209,6 +209,13 @@ impl Appearance {
         self.measured.is_none() && is_smooth && is_coat_smooth && (is_metal || is_clear)
     }
 
+    /// May send light on in single directions somewhere, alone or beside others.
+    pub fn may_be_single(&self) -> bool {
+        let is_smooth = self.roughness < Self::SMOOTH || self.roughness_texture.is_some();
+        let is_coat_smooth = self.clearcoat_roughness < Self::SMOOTH || self.clearcoat_roughness_texture.is_some();
+        self.measured.is_none() && (is_smooth || self.clearcoat > 0.0 && is_coat_smooth)
+    }
+
     /// Lets light through in a way that a surface's scattering has to tell: rough, refracting, or both.
     pub fn refracts(&self) -> bool {
         self.measured.is_none() && self.transmission > 0.0 && !self.is_pane()

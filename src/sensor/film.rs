@@ -36,13 +36,18 @@ impl Film {
 
     /// Adds a pass that estimates every pixel.
     pub fn add(&mut self, values: &[Rgb]) {
+        self.add_mean(values, 1);
+    }
+
+    /// Adds the mean of so many passes that depend on each other: they count as one estimate.
+    pub fn add_mean(&mut self, values: &[Rgb], passes: u64) {
         let half = &mut self.halves[(self.estimates % 2) as usize];
         for ((sum, square), value) in half.iter_mut().zip(&mut self.squares).zip(values) {
             *sum += value.as_dvec3();
             *square += f64::from(luminance(*value)).powi(2);
         }
         self.estimates += 1;
-        self.passes += 1;
+        self.passes += passes;
     }
 
     /// Passes so far.

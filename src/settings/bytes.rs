@@ -23,7 +23,8 @@ pub fn read<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error>
     }
 }
 
-fn parse(text: &str) -> Option<u64> {
+/// The amount [bytes] that `text` says; `None` where it says none.
+pub fn parse(text: &str) -> Option<u64> {
     let text = text.trim().trim_end_matches(['B', 'b']).trim_end_matches('i');
     let unit = match text.chars().last()?.to_ascii_uppercase() {
         'K' => 1u64 << 10,

@@ -18,6 +18,27 @@ use crate::write::{GltfProfile, VertexColors};
 const MOST_SUBDIVISION: u32 = 8;
 
 impl Settings {
+    /// Refuses what can't be shared out.
+    fn check_shards(&self) -> Result<()> {
+        let fault = |place: &str, message: &str| Err(Error::invalid(place, message));
+        if self.cache.is_none() {
+            return fault("shard", "shards share what they find in a cache; give one with --cache");
+        }
+        if self.method != Method::Radiosity || self.gather() != Gather::Blocks {
+            return fault(
+                "shard",
+                "what is shared out is the radiosity of blocks; leave method, solver and gather out",
+            );
+        }
+        if self.time_budget.is_some() {
+            return fault(
+                "shard",
+                "what is done in a given time is another thing on each machine; leave time-budget out",
+            );
+        }
+        Ok(())
+    }
+
     /// Refuses values out of range before any work begins.
     ///
     /// # Errors
@@ -57,6 +78,10 @@ impl Settings {
         within("error", self.error, LEAST_ERROR, MOST_ERROR)?;
         within("vertex-error", self.vertex_error, LEAST_VERTEX_ERROR, 100.0)?;
         within("max-triangles", self.max_triangles, 1, 1 << 32)?;
+        within("checkpoint", self.checkpoint, 0.0, 1e6)?;
+        if self.shard.is_some() {
+            self.check_shards()?;
+        }
         within("time", self.time, -1e9, 1e9)?;
         within("ao-distance", self.ao_distance, 0.0, 1e6)?;
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;

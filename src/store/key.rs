@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn threads_do_not_change_a_hash() {
-        let bytes: Vec<u8> = (0..3 * LARGE).map(|i| (i * i >> 7) as u8).collect();
+        let bytes: Vec<u8> = (0..3 * LARGE).map(|i| (i * i / 128) as u8).collect();
         let (mut one, mut all) = (blake3::Hasher::new(), blake3::Hasher::new());
         one.update(&bytes);
         update(&mut all, &bytes);

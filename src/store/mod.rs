@@ -7,13 +7,16 @@
 //! Entries are written under another name, synced and renamed, so that no reader ever meets half of one, and never changed
 //! afterwards. Any number of processes may use a store at once; two that write one key write the same bytes, and the later one stays.
 //!
-//!     <folder>/lumel-cache.txt          says whose folder it is
-//!     <folder>/v1/<kind>/<key>          an entry
-//!     <folder>/v1/<kind>/.<key>.*.tmp   one that is being written
+//! ```text
+//! <folder>/lumel-cache.txt          says whose folder it is
+//! <folder>/v1/<kind>/<key>          an entry
+//! <folder>/v1/<kind>/.<key>.*.tmp   one that is being written
+//! ```
 //!
 //! Another layout of files gets another subfolder, so that no version reads what it doesn't know. Sections hold numbers as the machine
 //! has them, and big-endian machines have a subfolder of their own.
 
+mod claim;
 mod entry;
 mod format;
 mod key;
@@ -22,6 +25,7 @@ mod map;
 mod output;
 mod survey;
 
+pub use claim::Claim;
 pub use entry::Entry;
 pub use key::{Hasher, Key};
 pub use lock::FolderLock;
@@ -151,6 +155,11 @@ impl Store {
         }
     }
 
+    /// Tells of something that is no error.
+    pub fn warn(&self, place: impl fmt::Display, message: impl fmt::Display) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).add(place, message);
+    }
+
     /// What was met since it was last asked.
     pub fn take_warnings(&self) -> Warnings {
         std::mem::take(&mut self.warnings.lock().unwrap_or_else(PoisonError::into_inner))
@@ -168,7 +177,7 @@ impl Store {
             _ => String::new(),
         };
         let message = format!("a damaged entry of the cache ({what}) is done again{left}");
-        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).add(path.display(), message);
+        self.warn(path.display(), message);
     }
 }
 

@@ -45,10 +45,19 @@ pub fn write(path: &Path, create: &Create, write: impl FnOnce(&mut dyn Write) ->
     let written = write(&mut *out).and_then(|()| out.flush()).and_then(|()| out.sync());
     // Closed before it is renamed: Windows wants it so.
     drop(out);
-    let kept = written.and_then(|()| fs::rename(&temporary, path)).and_then(|()| sync_folder(folder));
+    let kept = written.and_then(|()| put(&temporary, path)).and_then(|()| sync_folder(folder));
     kept.map_err(|e| {
         let _ = fs::remove_file(&temporary);
         failed(path, e)
+    })
+}
+
+/// Gives a file its name.
+fn put(temporary: &Path, path: &Path) -> io::Result<()> {
+    fs::rename(temporary, path).or_else(|e| match e.kind() {
+        // Windows keeps a file in place while someone has it mapped. It was made from the same: it may stay.
+        ErrorKind::PermissionDenied if cfg!(windows) && path.is_file() => fs::remove_file(temporary),
+        _ => Err(e),
     })
 }
 

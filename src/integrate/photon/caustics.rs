@@ -1,7 +1,7 @@
 //! Light over mirrors and glass, straight from lights, for methods that see diffuse surfaces alone.
 
 use super::refuse;
-use super::shoot::{AT_ONCE, Only, Way, follow, numbers};
+use super::shoot::{AT_ONCE, Lamps, Landing, Only, Way, follow, numbers, take_aim};
 use crate::Result;
 use crate::color::Rgb;
 use crate::integrate::World;
@@ -40,11 +40,14 @@ pub fn caustics(
 ) -> Result<Caustics> {
     refuse::check_lights(world)?;
     let sources = Sources::new(world);
+    let lands = |landing: &Landing| landing.on_pixel(sensor).is_some();
+    let aim = take_aim(world, &sources, (Only::Mirrors, None), seed, progress, lands)?;
+    let lamps = Lamps { sources: &sources, aim: &aim };
     let batches = photons.div_ceil(u64::from(BATCH)).max(2);
     let mut halves = [vec![DVec3::ZERO; sensor.len()], vec![DVec3::ZERO; sensor.len()]];
     let mut flux = DVec3::ZERO;
     for batch in 0..batches {
-        let landed = land(world, &sources, sensor, (seed, batch), progress)?;
+        let landed = land(world, lamps, sensor, (seed, batch), progress)?;
         for (pixel, irradiance) in landed {
             halves[(batch % 2) as usize][pixel as usize] += irradiance.as_dvec3();
             flux += irradiance.as_dvec3() * f64::from(sensor.area(pixel as usize));
@@ -67,7 +70,7 @@ pub fn caustics(
 /// Where the photons of a batch land, and what they bring [lx].
 fn land(
     world: &World,
-    sources: &Sources,
+    lamps: Lamps,
     sensor: &dyn Sensor,
     run: (u32, u64),
     progress: &dyn Progress,
@@ -79,7 +82,7 @@ fn land(
             let mut landed = Vec::new();
             for k in chunk * AT_ONCE..(chunk + 1) * AT_ONCE {
                 let mut numbers = numbers(run, Only::Mirrors, k);
-                let Some(emitted) = sources.emit(world, &mut numbers) else { continue };
+                let Some(emitted) = lamps.emit(world, &mut numbers) else { continue };
                 let way = Way { flux: emitted.flux / BATCH as f32, most: None, only: Only::Mirrors };
                 follow(world, &emitted, way, &mut numbers, |landing| {
                     if landing.caustic {

@@ -13,17 +13,22 @@
 //! | L S+ x | photons within the radius at x, of those that came so; on texels, which photon hits which texel, without a radius |
 //! | L ... D S* x | a ray drawn at x, over mirrors and glass; where it comes to a matte vertex, all photons within the radius there |
 //!
+//! Photons over mirrors and glass alone are aimed at what sends them there ([`aim`]): unaimed, most end at their first surface. Several
+//! walks from each pixel read the photons of one pass, which cost more than a walk.
+//!
 //! A vertex is matte where no direction stands out in what it reflects ([`is_matte`]); at others the walk goes on as a path does, and so
 //! it does close to x, where a radius would show. Where media scatter, vertices lie in space, and photons are read within a ball (Jensen,
 //! Christensen 1998).
 //!
-//! Bias: light is spread over the radius, and where the disc around a place reaches over the edge of its surface, or the ball out of a
-//! medium, what is read there is too dark, by up to a half on the edge itself; both vanish with the radius. Light is never read through
+//! Bias: light is spread over the radius, and where the disc around a place reaches over the edge of its surface, what is read there is too
+//! dark, by up to a half on the edge itself; both vanish with the radius. Where the ball reaches out of a medium or through a surface,
+//! the walk goes on instead, but for light over mirrors and glass alone. Light is never read through
 //! walls: only photons on surfaces that face the same way, close to the plane, count.
 //!
 //! Limits: light over mirrors and glass from points, spots and sharp suns onto glossy surfaces is found as little as by paths. Surfaces
 //! that don't cast meet no photons, and get no light over mirrors and glass straight from lights.
 
+mod aim;
 mod caustics;
 mod map;
 mod refuse;
@@ -40,9 +45,10 @@ use crate::progress::Progress;
 use crate::sample::{Drawn, sequence::Stage};
 use crate::scatter::Transport;
 use crate::sensor::{Film, Sensor, Start};
+use aim::Aim;
 use map::{Map, Photon};
 use rayon::prelude::*;
-use shoot::{Only, Shot, shoot};
+use shoot::{Lamps, Landing, Only, Shot, has_mirrors, shoot, take_aim};
 use std::f32::consts::PI;
 
 /// How photons are sent and read.
@@ -52,9 +58,21 @@ pub struct PhotonParams {
     pub photons: Option<u32>,
     /// The radius of the first pass [m]; none: such that it holds a few photons.
     pub radius: Option<f32>,
+    /// Walks from each pixel that read the photons of one pass, and count as so many samples; none: [`PhotonParams::WALKS`].
+    pub walks: Option<u32>,
     /// Reflections counted, 0: direct light only. None: all.
     pub max_bounces: Option<u32>,
     pub seed: u32,
+}
+
+impl PhotonParams {
+    /// Walks a pixel and pass: photons of a pass cost about as much as these.
+    pub const WALKS: u32 = 4;
+
+    /// Of `samples`, how many share a pass, so that there are at least four passes, and all that are asked for.
+    pub fn walks_of(samples: u32) -> u32 {
+        (1..=Self::WALKS).rev().find(|walks| samples.is_multiple_of(*walks) && samples / walks >= 4).unwrap_or(1)
+    }
 }
 
 /// Photon mapping, pass by pass.
@@ -63,6 +81,9 @@ pub struct Photons<'a> {
     sensor: &'a dyn Sensor,
     params: PhotonParams,
     sources: Sources,
+    /// Nowhere, and at what sends light over mirrors and glass alone, once it was learnt.
+    even: Aim,
+    aim: Option<Aim>,
     /// Radii of the first pass [m], by map, once there were photons to choose them by.
     first: [Option<f32>; MAPS],
 }
@@ -81,8 +102,8 @@ const MAPS: usize = 4;
 const LEAST_PHOTONS: usize = 1 << 15;
 const MOST_PHOTONS: usize = 1 << 18;
 
-/// Photons over mirrors and glass alone, over those on all ways: most end at once.
-const CAUSTIC_PHOTONS: u32 = 8;
+/// Photons over mirrors and glass alone, over those on all ways.
+const CAUSTIC_PHOTONS: f32 = 3.0;
 
 /// Photons that the median photon has within the first radius, of all and of those over mirrors and glass.
 const NEIGHBOURS: [usize; MAPS] = [12, 150, 16, 150];
@@ -113,7 +134,8 @@ impl<'a> Photons<'a> {
     /// is no length, or there are no photons.
     pub fn new(world: &'a World<'a>, sensor: &'a dyn Sensor, params: PhotonParams) -> Result<Self> {
         refuse::check(world, &params)?;
-        Ok(Self { sources: Sources::new(world), world, sensor, params, first: [None; MAPS] })
+        let (sources, even) = (Sources::new(world), Aim::even());
+        Ok(Self { sources, even, aim: None, world, sensor, params, first: [None; MAPS] })
     }
 
     /// Photons of a pass.
@@ -147,15 +169,22 @@ impl<'a> Photons<'a> {
     }
 
     /// Sends out the photons of pass `index`: those on ways of all kinds, and those over mirrors and glass alone.
-    fn shoot(&self, index: u64, progress: &dyn Progress) -> Result<(Shot, Shot)> {
+    fn shoot(&mut self, index: u64, progress: &dyn Progress) -> Result<(Shot, Shot)> {
         let most = self.params.max_bounces.map(|most| most.saturating_add(1));
-        let send = |only: Only, count: u32| {
-            shoot(self.world, &self.sources, self.sensor, count, (only, most), (self.params.seed, index), progress)
+        let (world, sources, seed) = (self.world, &self.sources, self.params.seed);
+        if self.aim.is_none() {
+            let is_kept = |landing: &Landing| !landing.vertex.is_delta();
+            self.aim = Some(take_aim(world, sources, (Only::Single, most), seed, progress, is_kept)?);
+        }
+        let send = |only: Only, aim: &Aim, count: u32| {
+            shoot(world, Lamps { sources, aim }, self.sensor, count, (only, most), (seed, index), progress)
         };
-        let scene = self.world.scene;
-        let has_mirrors = scene.materials.iter().any(|material| material.appearance.is_some());
-        let caustics = if has_mirrors { self.count().saturating_mul(CAUSTIC_PHOTONS) } else { 0 };
-        Ok((send(Only::Everything, self.count())?, send(Only::Single, caustics)?))
+        let everything = send(Only::Everything, &self.even, self.count())?;
+        let caustic = match self.aim.as_ref().filter(|_| has_mirrors(world.scene)) {
+            Some(aim) => send(Only::Single, aim, (self.count() as f32 * CAUSTIC_PHOTONS) as u32)?,
+            None => Shot::default(),
+        };
+        Ok((everything, caustic))
     }
 }
 
@@ -167,28 +196,30 @@ fn shrink(index: u64, dimensions: f64) -> f64 {
 
 impl Integrator for Photons<'_> {
     fn pass(&mut self, film: &mut Film, progress: &dyn Progress) -> Result<()> {
-        let index = film.passes();
+        let walks = u64::from(self.params.walks.unwrap_or(PhotonParams::WALKS).max(1));
+        let index = film.passes() / walks;
         let (everything, caustic) = self.shoot(index, progress)?;
         let maps = self.maps(everything.photons, caustic.photons, index);
         let mut values = vec![Rgb::ZERO; self.sensor.len()];
         values.par_chunks_mut(AT_ONCE).enumerate().try_for_each(|(chunk, values)| {
             progress.check()?;
             for (k, value) in values.iter_mut().enumerate() {
-                *value = self.estimate(chunk * AT_ONCE + k, index, &maps);
+                let estimate = |walk| self.estimate(chunk * AT_ONCE + k, index * walks + walk, &maps);
+                *value = (0..walks).map(estimate).sum::<Rgb>() / walks as f32;
             }
             Ok(())
         })?;
         for (pixel, irradiance) in caustic.landed {
             values[pixel as usize] += irradiance;
         }
-        film.add(&values);
+        film.add_mean(&values, walks);
         Ok(())
     }
 }
 
 impl Photons<'_> {
-    fn estimate(&self, pixel: usize, index: u64, maps: &Maps) -> Rgb {
-        let mut numbers = Drawn::new(self.params.seed, Stage::Walk, pixel as u64, index);
+    fn estimate(&self, pixel: usize, walk: u64, maps: &Maps) -> Rgb {
+        let mut numbers = Drawn::new(self.params.seed, Stage::Walk, pixel as u64, walk);
         let Some(start) = self.sensor.start(pixel, &mut numbers) else { return Rgb::ZERO };
         let limit = self.params.max_bounces.map(|most| match start {
             // What a camera sees was reflected once to it already.

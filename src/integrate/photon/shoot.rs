@@ -1,5 +1,6 @@
 //! Photons on their way from lights to where they are absorbed.
 
+use super::aim::Aim;
 use super::map::Photon;
 use crate::Result;
 use crate::color::Rgb;
@@ -8,11 +9,13 @@ use crate::integrate::{Kind, Vertex, World};
 use crate::progress::Progress;
 use crate::sample::{Drawn, Numbers, sequence::Stage};
 use crate::scatter::Transport;
+use crate::scene::{Appearance, Scene};
 use crate::sensor::Sensor;
 use crate::trace::Ray;
 use rayon::prelude::*;
 
 /// What photons left behind.
+#[derive(Default)]
 pub struct Shot {
     pub photons: Vec<Photon>,
     /// Pixels that lie on surfaces, and what photons over mirrors and glass alone add to their irradiance [lx].
@@ -25,13 +28,62 @@ pub(super) const AT_ONCE: u32 = 1024;
 /// Scatterings after which a photon ends whatever it carries: between mirrors that absorb nothing it would never end.
 const MOST_BOUNCES: u32 = 1000;
 
+/// Where photons set out: from `sources`, drawn as `aim` says.
+#[derive(Clone, Copy)]
+pub struct Lamps<'a> {
+    pub sources: &'a Sources,
+    pub aim: &'a Aim,
+}
+
+impl Lamps<'_> {
+    /// Light that sets out; `None` where what was drawn sends nothing.
+    pub fn emit(&self, world: &World, numbers: &mut impl Numbers) -> Option<Emitted> {
+        let (at, weight) = self.aim.draw(numbers);
+        let emitted = self.sources.emit_by(world, at)?;
+        Some(Emitted { flux: emitted.flux * weight, ..emitted })
+    }
+}
+
+/// True where something may send light on in one direction.
+pub fn has_mirrors(scene: &Scene) -> bool {
+    scene.materials.iter().filter_map(|material| material.appearance.as_ref()).any(Appearance::may_be_single)
+}
+
+/// Learns where light has to set out for it to come over mirrors and glass alone, on ways of the kind `only`, to what `counts` is
+/// true of.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn take_aim(
+    world: &World,
+    sources: &Sources,
+    (only, most): (Only, Option<u32>),
+    seed: u32,
+    progress: &dyn Progress,
+    counts: impl Fn(&Landing) -> bool + Sync,
+) -> Result<Aim> {
+    if sources.is_empty() || !has_mirrors(world.scene) {
+        return Ok(Aim::even());
+    }
+    Aim::learn(seed, progress, |at, numbers| {
+        let Some(emitted) = sources.emit_by(world, at) else { return 0.0 };
+        let mut sum = 0.0;
+        follow(world, &emitted, Way { flux: emitted.flux, most, only }, numbers, |landing| {
+            if landing.caustic && counts(&landing) {
+                sum += landing.flux.max_element();
+            }
+        });
+        sum
+    })
+}
+
 /// Sends out `count` photons on ways of the kind `only`, of the run (seed, pass), which are scattered `most` times at most.
 ///
 /// # Errors
 /// `Cancelled`.
 pub fn shoot(
     world: &World,
-    sources: &Sources,
+    lamps: Lamps,
     sensor: &dyn Sensor,
     count: u32,
     (only, most): (Only, Option<u32>),
@@ -45,7 +97,7 @@ pub fn shoot(
             let mut shot = Shot { photons: Vec::new(), landed: Vec::new() };
             for k in chunk * AT_ONCE..((chunk + 1) * AT_ONCE).min(count) {
                 let mut numbers = numbers(run, only, k);
-                let Some(emitted) = sources.emit(world, &mut numbers) else { continue };
+                let Some(emitted) = lamps.emit(world, &mut numbers) else { continue };
                 let way = Way { flux: emitted.flux / count as f32, most, only };
                 follow(world, &emitted, way, &mut numbers, |landing| {
                     if only == Only::Everything || landing.caustic {

@@ -7,6 +7,8 @@ use crate::integrate::path::{Walk, lamps, leave, roulette};
 use crate::integrate::{Kind, Vertex, World};
 use crate::sample::Numbers;
 use crate::sensor::Start;
+use crate::trace::Segment;
+use glam::Vec3;
 use std::f32::consts::PI;
 
 /// How close to a matte vertex photons are not read, in radii: the walk's next vertex takes its place.
@@ -111,7 +113,8 @@ impl<'a> Eye<'a> {
             Kind::Medium(_) => (&maps.all_in_media, &maps.caustic_in_media),
         };
         let is_matte = is_matte(&vertex);
-        let reads_all = is_matte && gathers && since >= NEAR * all.radius();
+        let is_far = is_matte && gathers && since >= NEAR * all.radius();
+        let reads_all = is_far && (vertex.surface().is_some() || is_ball_whole(world, vertex.position, all.radius()));
         *sum += walk.weight
             * match (reads_all, is_matte) {
                 (true, _) => all.read(&vertex, left),
@@ -126,4 +129,18 @@ impl<'a> Eye<'a> {
             (false, false) => Some(Self { walk, last: Last::Glossy, gathers, since }),
         }
     }
+}
+
+/// True where the ball of `radius` [m] around a place in a medium reaches neither through surfaces nor out of what scatters: what is cut
+/// off holds no photons, and a slab of fog ten radii thick was 3 % too dark. Six feelers along the axes meet any plane in reach.
+fn is_ball_whole(world: &World, middle: Vec3, radius: f32) -> bool {
+    let reach = 3f32.sqrt() * radius;
+    let ends = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().flat_map(|axis| [axis, -axis]).map(|d| middle + d * reach);
+    let segments: Vec<Segment> = ends.map(|to| Segment { from: middle, to }).collect();
+    if segments.iter().any(|feeler| world.media.at(feeler.to).scattering == Rgb::ZERO) {
+        return false;
+    }
+    let mut passing = [Rgb::ONE; 6];
+    world.tracer.transmittance(&segments, &mut passing);
+    passing == [Rgb::ONE; 6]
 }

@@ -1,0 +1,143 @@
+//! Direct light lamp by lamp, so that one of them may change and the others stay.
+//!
+//! Errors in a lamp's shadows are held against all light around. So the brightest lamps come first, and those after them are looked at
+//! as closely as the light that is there by then asks for: each by itself, a weak lamp would cost as much as the sun beside it. What was
+//! found of a lamp remembers how much light there was beside it, and is found anew where there is far less now.
+
+use super::direct::{Direct, direct_beside, glimpse_flux};
+use super::kept::KeptLight;
+use super::touched::Kept;
+use super::{Lights, Lit, Shining};
+use crate::Result;
+use crate::color::{Rgb, luminance};
+use crate::progress::Progress;
+use crate::work::Change;
+use glam::DVec3;
+
+/// Lamps whose direct light is found on its own, at most, but for the sky: of more, several are taken together.
+const MOST_UNITS: usize = 24;
+
+/// Light is found anew where the share of other light beside it has fallen below this share of what it was.
+const LESS: f64 = 0.5;
+
+/// Remembers the direct light of units of lamps.
+pub trait Memory {
+    /// The strength that the light of `unit` is a multiple of.
+    fn strength(&self, unit: &[Shining]) -> Rgb;
+    /// What was kept of it.
+    ///
+    /// # Errors
+    /// `Io`.
+    fn recall(&self, unit: &[Shining]) -> Result<Option<KeptLight>>;
+    /// What was kept of it before a change, which says what the change is.
+    ///
+    /// # Errors
+    /// `Io`.
+    fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>>;
+    /// Keeps `light` for later.
+    ///
+    /// # Errors
+    /// `Io`.
+    fn keep(&self, unit: &[Shining], light: &KeptLight) -> Result<()>;
+}
+
+/// `shining` cut into units: one a lamp, several where there are very many; the sky as a whole.
+fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
+    let (skies, others): (Vec<Shining>, Vec<Shining>) = shining.iter().partition(|s| matches!(s, Shining::Sky(_)));
+    let size = others.len().div_ceil(MOST_UNITS).max(1);
+    others.chunks(size).map(<[Shining]>::to_vec).chain((!skies.is_empty()).then_some(skies)).collect()
+}
+
+/// A unit, and what is known of its light.
+struct Unit {
+    shining: Vec<Shining>,
+    strength: Rgb,
+    kept: Option<KeptLight>,
+    /// About the flux that it sends to patches [lm], by channel.
+    flux: DVec3,
+}
+
+/// Light that is there already.
+#[derive(Clone, Default)]
+pub struct Beside {
+    /// On each patch [lx]; empty: none.
+    pub irradiance: Vec<Rgb>,
+    /// About its flux to patches [lm], luminance.
+    pub flux: f64,
+}
+
+/// The direct light of `shining`, the brightest first, `beside` what is there already: that is added to.
+///
+/// # Errors
+/// Those of `memory`; `Cancelled`.
+pub fn direct_of(
+    lit: &Lit,
+    shining: &[Shining],
+    beside: &mut Beside,
+    memory: &dyn Memory,
+    progress: &dyn Progress,
+) -> Result<Direct> {
+    let lights_of = |unit: &[Shining]| Lights::of(lit.ground.scene, |shining| unit.contains(&shining));
+    let mut all: Vec<Unit> = Vec::new();
+    for shining in units(shining) {
+        let (strength, kept) = (memory.strength(&shining), memory.recall(&shining)?);
+        let flux = match &kept {
+            Some(kept) => kept.flux(strength),
+            None => glimpse_flux(&Lit { lights: &lights_of(&shining), ..*lit }, progress)?,
+        };
+        all.push(Unit { shining, strength, kept, flux });
+    }
+    let light = |flux: DVec3| f64::from(luminance(flux.as_vec3()));
+    all.sort_by(|a, b| light(b.flux).total_cmp(&light(a.flux)));
+    let patches = lit.ground.patches.len();
+    let mut sum: Option<Direct> = None;
+    for Unit { shining, strength, kept, flux } in all {
+        let ratio = beside.flux / light(flux).max(f64::MIN_POSITIVE);
+        let is_close = |kept: &KeptLight| LESS * kept.beside <= ratio.max(LESS);
+        let recalled = kept.filter(is_close).and_then(|kept| kept.light(strength, patches));
+        let found = match recalled {
+            Some(found) => found,
+            None => {
+                let lights = lights_of(&shining);
+                let lit = Lit { lights: &lights, ..*lit };
+                let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
+                let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
+                let kept = before.as_ref().and_then(|(old, change)| Kept::new(&lit, old, change));
+                let found = direct_beside(&lit, &beside.irradiance, kept.as_ref(), progress)?;
+                let kept = KeptLight::new(&found, strength, flux, ratio);
+                memory.keep(&shining, &kept)?;
+                kept.light(strength, patches).unwrap_or(found)
+            }
+        };
+        beside.add(&found, light(flux));
+        sum = Some(match sum {
+            None => found,
+            Some(sum) => sum.plus(&found),
+        });
+    }
+    sum.map_or_else(|| direct_beside(lit, &beside.irradiance, None, progress), Ok)
+}
+
+impl Beside {
+    /// Adds `direct`, of about so much flux [lm].
+    fn add(&mut self, direct: &Direct, flux: f64) {
+        self.irradiance.resize(direct.transport.len(), Rgb::ZERO);
+        self.irradiance.iter_mut().zip(direct.transport.iter()).for_each(|(sum, e)| *sum += *e);
+        self.flux += flux;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn very_many_lamps_share_units_and_the_sky_is_one() {
+        let lamps: Vec<Shining> = (0..100).map(Shining::Light).chain((0..3).map(Shining::Sky)).collect();
+        let units = units(&lamps);
+        assert!(units.len() <= MOST_UNITS + 1);
+        assert_eq!(units.concat(), lamps);
+        assert_eq!(units.last().map(Vec::len), Some(3));
+        assert_eq!(super::units(&lamps[..3]).len(), 3);
+    }
+}

@@ -1,0 +1,264 @@
+//! Work that is the same wherever and whenever it is done: found in a store, or done and put there.
+//!
+//! A result is a function of what its key is the hash of, so that it doesn't matter who finds it. That one idea gives four: a bake finds
+//! what an earlier one left (a cache); one that was killed goes on where it was (resume), as large work is put down part by part;
+//! processes that share a store share the work, each starting at another part and taking over what the others haven't (shards); and
+//! parts that were done on machines which share nothing can be brought together in one folder.
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::store::{Entry, Hasher, Key, Store};
+use glam::Vec3;
+use serde::Deserialize;
+use std::borrow::Cow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long one waits for what others are doing before looking again.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// One of several processes that do one bake together.
+///
+/// Written `2/8`, from 1; `2/8 alone` where others work elsewhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Shard {
+    /// From 0.
+    pub index: usize,
+    pub count: usize,
+    /// Others work elsewhere: only parts of its own are done, and what others do must be brought.
+    pub alone: bool,
+}
+
+/// Shards at most.
+const MOST_SHARDS: usize = 4096;
+
+impl TryFrom<String> for Shard {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        let (numbers, alone) = match text.trim().strip_suffix("alone") {
+            Some(numbers) => (numbers.trim_end(), true),
+            None => (text.trim(), false),
+        };
+        let number = |text: &str| text.trim().parse::<usize>().ok().filter(|n| (1..=MOST_SHARDS).contains(n));
+        let parts = numbers.split_once('/').and_then(|(index, count)| Some((number(index)?, number(count)?)));
+        match parts {
+            Some((index, count)) if index <= count => Ok(Self { index: index - 1, count, alone }),
+            _ => Err(format!("`{text}` is no shard, as 1/8 to 8/8 are (at most {MOST_SHARDS})")),
+        }
+    }
+}
+
+/// What is otherwise than in a bake before, of surfaces that are the same ones.
+#[derive(Clone, Debug, Default)]
+pub struct Change {
+    /// Which surfaces have changed or moved.
+    pub surfaces: Vec<bool>,
+    /// The boxes around each of them, before and now: lowest and highest corners [m].
+    pub boxes: Vec<[Vec3; 2]>,
+}
+
+/// A result that can be stored.
+pub trait Stored: Sized {
+    /// Its content.
+    fn sections(&self) -> Vec<Cow<'_, [u8]>>;
+    /// What has this content; `None` where nothing can have it.
+    fn restore(entry: &Entry) -> Option<Self>;
+}
+
+/// Work that is done in parts, in any order.
+pub trait Job {
+    /// Does a part.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    fn make(&mut self, part: usize) -> Result<()>;
+    /// What it takes to have a part done without doing it.
+    fn write(&self, part: usize) -> Vec<u8>;
+    /// Takes a part that was done before; `None` where it isn't one.
+    fn read(&mut self, part: usize, bytes: &[u8]) -> Option<()>;
+}
+
+/// Where results are found and put, and which of the work is whose.
+pub struct Work<'a> {
+    store: Option<&'a Store>,
+    /// What all results depend on.
+    base: Key,
+    shard: Option<Shard>,
+    /// Work that took less altogether isn't worth putting down in parts.
+    apart: Duration,
+    since: Instant,
+    /// There was no room.
+    is_full: AtomicBool,
+    /// What the results of the bake before depended on, and what has changed since.
+    before: Option<(Key, Change)>,
+}
+
+/// The key of a result of `kind` that depends on `base` and on what `add` adds.
+fn key(kind: &str, base: Key, add: impl FnOnce(&mut Hasher)) -> Key {
+    Key::of(kind, |hasher| {
+        hasher.add_key(base);
+        add(hasher);
+    })
+}
+
+impl<'a> Work<'a> {
+    /// Nothing is found, and nothing put anywhere.
+    pub fn unstored() -> Self {
+        let base = Key::from_bytes([0; Key::BYTES]);
+        let (since, is_full) = (Instant::now(), AtomicBool::new(false));
+        Self { store: None, base, shard: None, apart: Duration::MAX, since, is_full, before: None }
+    }
+
+    /// For results that all depend on `base`. Parts are put down once work has taken `apart`, or at once where others wait for them.
+    pub fn new(store: &'a Store, base: Key, shard: Option<Shard>, apart: Duration) -> Self {
+        let store = Some(store).filter(|store| !store.is_none());
+        Self { store, base, shard, apart, since: Instant::now(), is_full: AtomicBool::new(false), before: None }
+    }
+
+    /// The same, which can start from results that depended on `base`, where no more than `change` has changed since.
+    pub fn after(self, base: Key, change: Change) -> Self {
+        Self { before: Some((base, change)), ..self }
+    }
+
+    /// Which of the work is this process's; none: all of it.
+    pub fn shard(&self) -> Option<Shard> {
+        self.shard
+    }
+
+    fn key(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Key {
+        key(kind, self.base, add)
+    }
+
+    /// As [`find`](Self::find), of the bake before, and what has changed since.
+    ///
+    /// # Errors
+    /// `Io` where the store can't be read.
+    pub fn find_before<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<(T, &Change)>> {
+        let (Some(store), Some((base, change))) = (self.store, &self.before) else { return Ok(None) };
+        let entry = store.read(kind, key(kind, *base, add))?;
+        Ok(entry.as_ref().and_then(T::restore).map(|found| (found, change)))
+    }
+
+    /// The result of `kind` that depends on the base and on what `add` adds, where there is one.
+    ///
+    /// # Errors
+    /// `Io` where the store can't be read.
+    pub fn find<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<T>> {
+        let Some(store) = self.store else { return Ok(None) };
+        Ok(store.read(kind, self.key(kind, add))?.as_ref().and_then(T::restore))
+    }
+
+    /// Keeps `result` so that [`find`](Self::find) finds it.
+    ///
+    /// # Errors
+    /// `Io` where others wait for it.
+    pub fn keep<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher), result: &T) -> Result<()> {
+        let Some(store) = self.store else { return Ok(()) };
+        self.put(store, kind, self.key(kind, add), &result.sections())
+    }
+
+    /// The result of `kind` that depends on the base and on what `add` adds: from the store, else by `make`.
+    ///
+    /// # Errors
+    /// Those of `make`; `Io`.
+    pub fn once<T: Stored>(
+        &self,
+        kind: &str,
+        add: impl Fn(&mut Hasher),
+        make: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        match self.find(kind, &add)? {
+            Some(found) => Ok(found),
+            None => self.renew(kind, add, make),
+        }
+    }
+
+    /// As [`once`](Self::once), by `make` in any case, in place of what there was.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn renew<T: Stored>(
+        &self,
+        kind: &str,
+        add: impl FnOnce(&mut Hasher),
+        make: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        let made = make()?;
+        self.keep(kind, add, &made)?;
+        Ok(made)
+    }
+
+    /// Puts a result down. A bake doesn't fail for want of room for what only saves time, unless others wait for it.
+    fn put(&self, store: &Store, kind: &str, key: Key, sections: &[Cow<[u8]>]) -> Result<()> {
+        if self.is_full.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
+        match store.write(kind, key, &sections) {
+            Err(Error::Io { place, source }) if self.shard.is_none() => {
+                self.is_full.store(true, Ordering::Relaxed);
+                store.warn(place, format!("{source}: from here on nothing is kept for later bakes"));
+                Ok(())
+            }
+            other => other,
+        }
+    }
+
+    /// Does the `count` parts of `job`, which depends on the base and on what `add` adds: those that are in the store are taken from
+    /// there, those that another process is at are waited for.
+    ///
+    /// # Errors
+    /// Those of the job; `Awaited` where parts of others are to be brought; `Io`.
+    pub fn share(
+        &self,
+        kind: &str,
+        add: impl FnOnce(&mut Hasher),
+        count: usize,
+        job: &mut dyn Job,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let Some(store) = self.store else { return (0..count).try_for_each(|part| job.make(part)) };
+        let key = self.key(kind, add);
+        let key = |part: usize| {
+            Key::of(kind, |hasher| {
+                hasher.add_key(key);
+                hasher.add_slice(&[part as u64, count as u64]);
+            })
+        };
+        let first = self.shard.map_or(0, |shard| shard.index * count / shard.count);
+        let own = self.shard.map_or(0..count, |shard| first..(shard.index + 1) * count / shard.count);
+        let mut left: Vec<usize> = (0..count).map(|k| (first + k) % count).collect();
+        loop {
+            let mut others = Vec::new();
+            for part in left {
+                progress.check()?;
+                if let Some(entry) = store.read(kind, key(part))?
+                    && job.read(part, entry.section(0)).is_some()
+                {
+                    continue;
+                }
+                let is_own = !self.shard.is_some_and(|shard| shard.alone) || own.contains(&part);
+                let claim = if is_own && self.shard.is_some() { store.claim(kind, key(part))? } else { None };
+                // Who had it may have ended between the two looks.
+                if !is_own || self.shard.is_some() && claim.is_none() || store.contains(kind, key(part)) {
+                    others.push(part);
+                    continue;
+                }
+                job.make(part)?;
+                if self.shard.is_some() || self.since.elapsed() >= self.apart {
+                    self.put(store, kind, key(part), &[Cow::Owned(job.write(part))])?;
+                }
+            }
+            if others.is_empty() {
+                return Ok(());
+            }
+            if self.shard.is_some_and(|shard| shard.alone) {
+                return Err(Error::Awaited { parts: others.len(), of: count });
+            }
+            left = others;
+            std::thread::sleep(PAUSE);
+        }
+    }
+}
