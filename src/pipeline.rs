@@ -32,6 +32,9 @@ pub use crate::report::Report;
 /// The share of the light that may be missing or too much before a bake is called into question.
 const MOST_IMBALANCE: f64 = 0.02;
 
+/// The share of the light that may be lost on mirrors and glass before it is said.
+const MOST_LOST: f64 = 0.002;
+
 /// Samples a texel below which the energy balance is too noisy to call a bake into question.
 const LEAST_SAMPLES: u32 = 64;
 
@@ -160,7 +163,7 @@ fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
     let message = match (scene.has_light(), is_live, settings.layers.is_empty()) {
         (true, ..) | (false, true, false) => return Ok(()),
         (false, true, true) => "every light is dynamic, so that nothing would be baked; bake some, or ask for --layers",
-        (false, false, _) => "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun",
+        (false, false, _) => added_light::NO_LIGHT,
     };
     Err(Error::invalid(loaded.path().display(), message))
 }
@@ -247,6 +250,11 @@ fn warn_of_doubts(report: &mut Report, settings: &Settings) {
     if let Some(residual) = report.solver.as_ref().map(|s| s.residual).filter(|r| is_free && *r > RESIDUAL) {
         let message = "the solver stopped before it converged; albedos this high keep light for very long";
         report.warnings.add(format!("residual {:.2} %", 100.0 * residual), message);
+    }
+    if report.energy.lost_share() > MOST_LOST {
+        let message = "ends on mirrors and glass: beside --caustics those that are double-sided mirrors, and all under a sky, are black to what \
+                       comes to them off other surfaces; --method photon or path sends it on";
+        report.warnings.add(format!("up to {:.1} % of the light", 100.0 * report.energy.lost_share()), message);
     }
     // Where light escapes is seen by the same samples: few of them say little.
     let is_sampled = settings.samples.is_none_or(|n| n >= LEAST_SAMPLES);
