@@ -29,16 +29,17 @@ pub fn add_base(hasher: &mut Hasher, scene: &Scene, atlas: &Atlas) {
 /// # Errors
 /// `Cancelled`; `Io`.
 pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) -> Result<Exposure> {
+    let add = |hasher: &mut Hasher| hasher.add_u64(u64::from(seed));
+    let fits = |openings: &Openings| openings.fit(ground.patches.len());
     let find = || Openings::find(ground, seed, progress);
-    let openings = work.once("openings", |hasher| hasher.add_u64(u64::from(seed)), find)?;
-    let openings = if openings.fit(ground.patches.len()) { openings } else { find()? };
-    Ok(openings.expose(ground))
+    Ok(work.once_in_all("openings", add, fits, find, progress)?.expose(ground))
 }
 
 /// Remembers the direct light of lamps.
 pub struct Lamps<'a> {
     pub lit: &'a Lit<'a>,
     pub work: &'a Work<'a>,
+    pub progress: &'a dyn Progress,
 }
 
 /// The kind of results that the direct light of lamps is.
@@ -70,8 +71,13 @@ impl Memory for Lamps<'_> {
         self.work.find(DIRECT, |hasher| self.add(unit, hasher))
     }
 
-    fn keep(&self, unit: &[Shining], light: &KeptLight) -> Result<()> {
-        self.work.keep(DIRECT, |hasher| self.add(unit, hasher), light)
+    fn once(
+        &self,
+        unit: &[Shining],
+        wanted: &dyn Fn(&KeptLight) -> bool,
+        make: &dyn Fn() -> Result<KeptLight>,
+    ) -> Result<KeptLight> {
+        self.work.once_in_all(DIRECT, |hasher| self.add(unit, hasher), wanted, make, self.progress)
     }
 }
 
