@@ -30,7 +30,7 @@ pub struct Shard {
 }
 
 /// Shards at most.
-const MOST_SHARDS: usize = 4096;
+pub const MOST_SHARDS: usize = 4096;
 
 impl TryFrom<String> for Shard {
     type Error = String;
