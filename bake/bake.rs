@@ -84,7 +84,7 @@ pub fn carry_out(order: Order, console: &Console, job: Job) -> std::result::Resu
     }
     if merges {
         summary.push(match made {
-            0 => format!("shards had done all {found} parts of the work"),
+            0 => "shards had done all of the work".to_string(),
             _ => format!("did {made} of {} parts of the work itself: shards had left them", found + made),
         });
     }

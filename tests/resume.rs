@@ -96,7 +96,8 @@ impl Bakes {
     fn assert_holds(&self, output: &str, why: &str) {
         let found = result(&self.path(output));
         let names: BTreeSet<&String> = found.keys().chain(self.expected.keys()).collect();
-        let differing: Vec<&&String> = names.iter().filter(|name| found.get(**name) != self.expected.get(**name)).collect();
+        let differing: Vec<&&String> =
+            names.iter().filter(|name| found.get(**name) != self.expected.get(**name)).collect();
         assert!(differing.is_empty(), "{why}: {differing:?} differ");
     }
 }
@@ -307,7 +308,9 @@ fn shards_in_turn_and_alone_give_the_same_bits() {
 fn a_killed_shard_is_made_good_by_the_others() {
     let bakes = Bakes::new("dead-shard");
     let cache = bakes.path("cache");
-    let shard = |k: usize| bakes.start("none", &["--cache", cache.to_str().unwrap(), "--shard", &format!("{k}/2"), "--threads", "1"]);
+    let shard = |k: usize| {
+        bakes.start("none", &["--cache", cache.to_str().unwrap(), "--shard", &format!("{k}/2"), "--threads", "1"])
+    };
     let (mut first, second) = (shard(1), shard(2));
     std::thread::sleep(bakes.time.mul_f64(0.4));
     let _ = first.kill();
@@ -331,7 +334,10 @@ fn a_plan_is_baked_by_shards_and_merged() {
     let planned = run(&["plan", "room.usda", "--shards", "2", "--resolution", "128", "--error", "1%", "-o", "job"]);
     succeeded(&planned);
     let commands = String::from_utf8_lossy(&planned.stdout).into_owned();
-    assert!(commands.contains("lumel bake --plan plan.json --shard 1/2") && commands.contains("lumel merge plan.json"), "{commands}");
+    assert!(
+        commands.contains("lumel bake --plan plan.json --shard 1/2") && commands.contains("lumel merge plan.json"),
+        "{commands}"
+    );
     let job: Vec<PathBuf> = files_below(&bakes.path("job"));
     assert_eq!(job, ["plan.json", "template.yaml"].map(|name| bakes.path("job").join(name)));
     for shard in ["1/2", "2/2"] {
@@ -399,7 +405,9 @@ fn a_template_names_no_place_of_this_machine() {
     succeeded(&run(&["plan", scene.to_str().unwrap(), "--shards", "7", "--resolution", "64", "-o", "job"]));
     let template = fs::read_to_string(folder.0.join("job/template.yaml")).unwrap();
     assert!(!template.contains(folder.0.to_str().unwrap()), "{template}");
-    for line in ["specificationVersion: jobtemplate-2023-09", "range: \"1-7\"", "dependsOn: Bake", "{{Task.Param.Shard}}/7"] {
+    for line in
+        ["specificationVersion: jobtemplate-2023-09", "range: \"1-7\"", "dependsOn: Bake", "{{Task.Param.Shard}}/7"]
+    {
         assert!(template.contains(line), "{line}: {template}");
     }
     // A scene in the job's folder needs no naming.

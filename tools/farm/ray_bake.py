@@ -61,7 +61,7 @@ def main() -> int:
     ap.add_argument("--scene", type=Path, help="the scene, where it isn't where the plan has it")
     ap.add_argument("--cache", type=Path, help="the folder that shards share, where it isn't where the plan has it")
     ap.add_argument("--lumel", default="lumel", help="the program on each machine [default: lumel]")
-    ap.add_argument("--address", help="cluster to join: auto, HOST:PORT or ray://HOST:PORT [default: one on this machine]")
+    ap.add_argument("--address", default="local", help="cluster to join: auto, HOST:PORT or ray://HOST:PORT [default: local, one on this machine]")
     ap.add_argument("--cpus", type=int, default=1, help="threads of a shard [default: 1]")
     ap.add_argument("--retries", type=int, default=3, help="how often a shard that dies is begun anew [default: 3]")
     a = ap.parse_args()
@@ -81,10 +81,11 @@ def main() -> int:
     def command(k: int) -> list[str]:
         return [lumel, "bake", *scene, "--plan", plan, *cache, "--shard", f"{k}/{shards}", "--threads", str(a.cpus)]
 
-    ray.init(address=a.address, log_to_driver=False, include_dashboard=None if a.address else False)
+    own = {"include_dashboard": False} if a.address == "local" else {}
+    ray.init(address=a.address, log_to_driver=False, **own)
     print(f"{shards} shards on {len(ray.nodes())} machine(s) of {ray.cluster_resources().get('CPU', 0):.0f} processors", flush=True)
     # Ray does a task again whose worker or machine dies, and, as it is told, one whose shard fails.
-    task = ray.remote(bake_shard).options(num_cpus=a.cpus, max_retries=a.retries, retry_exceptions=True)
+    task = ray.remote(num_cpus=a.cpus, max_retries=a.retries, retry_exceptions=True)(bake_shard)
     start = time.monotonic()
     names = {task.options(name=f"shard {k}").remote(command(k)): k for k in range(1, shards + 1)}
     left, failed = list(names), 0
