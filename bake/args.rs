@@ -37,6 +37,15 @@ pub enum Command {
     /// vertex colours), for a USD scene <stem>.lumel.usda (an override layer) and, where meshes were cut for the light,
     /// <stem>.vertex.usda (a layer of the pieces), and report.json. The input is never touched.
     Bake(Box<BakeArgs>),
+    /// Lay a bake out for several processes or machines
+    ///
+    /// Writes plan.json, which `lumel bake --plan` and `lumel merge` read, and template.yaml, the same as a job of Open Job Description
+    /// (2023-09), which render farms take. Everything is checked now that a bake would check before its work begins.
+    Plan(Box<PlanArgs>),
+    /// End a bake that shards have worked on: `lumel bake --plan` without a shard
+    ///
+    /// What shards have left undone is done here, and said.
+    Merge(MergeArgs),
     /// Make lightmap UVs only
     Unwrap(Box<UnwrapArgs>),
     /// Show what a bake would see: surfaces with roles, areas [m^2] and densities, lights with units, texels, warnings
@@ -70,7 +79,8 @@ pub struct ConsoleArgs {
     /// Write nothing to stderr but errors
     #[arg(long, global = true)]
     pub quiet: bool,
-    /// Form of progress, warnings and errors on stderr; json: one object a line [default: text]
+    /// Form of progress, warnings and errors on stderr; json: one object a line; openjd: lines of text, with openjd_progress,
+    /// openjd_status and openjd_fail for Open Job Description [default: text]
     #[arg(long, global = true, value_enum, value_name = "FORMAT", hide_possible_values = false)]
     pub log_format: Option<LogFormat>,
 }
@@ -80,13 +90,20 @@ pub struct ConsoleArgs {
 pub enum LogFormat {
     Text,
     Json,
+    /// As render farms read it that run jobs of Open Job Description
+    Openjd,
 }
 
 /// `lumel bake`.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("scene", |arg| arg.required(false).required_unless_present("plan")))]
 pub struct BakeArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
+    /// Do what `lumel plan` laid out, by its settings; SCENE, --output, --cache, --checkpoint, --threads and --overwrite may say where and
+    /// how on this machine
+    #[arg(long, value_name = "PLAN.json", value_hint = ValueHint::FilePath, help_heading = "Cache")]
+    pub plan: Option<PathBuf>,
     /// Folder to write to; made where missing [default: ./<stem>_baked]
     #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub output: Option<PathBuf>,
@@ -110,6 +127,38 @@ pub struct BakeArgs {
     pub running: RunningArgs,
     #[command(flatten)]
     pub cache: RememberArgs,
+}
+
+/// `lumel plan`.
+#[derive(Debug, clap::Args)]
+#[command(mut_arg("output", |arg| arg.value_name("JOB").help("Folder for plan.json and template.yaml; made where missing [default: ./<stem>_farm]")))]
+#[command(mut_arg("cache", |arg| arg.help("Folder that shards share [default: cache in the plan's folder]")))]
+#[command(mut_args(|arg| if ["plan", "shard", "no_cache"].contains(&arg.get_id().as_str()) { arg.hide(true) } else { arg }))]
+pub struct PlanArgs {
+    /// How many processes are to share the work [1..4096]
+    #[arg(long, value_name = "N", help_heading = "Cache")]
+    pub shards: usize,
+    #[command(flatten)]
+    pub bake: BakeArgs,
+}
+
+/// `lumel merge`.
+#[derive(Debug, clap::Args)]
+pub struct MergeArgs {
+    /// The plan
+    #[arg(value_name = "PLAN.json", value_hint = ValueHint::FilePath)]
+    pub plan: PathBuf,
+    /// The scene, where it isn't where the plan has it
+    #[arg(value_name = "SCENE", value_hint = ValueHint::FilePath)]
+    pub scene: Option<PathBuf>,
+    /// Folder to write to; made where missing [default: baked beside the plan]
+    #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+    /// The cache that shards shared, where it isn't where the plan has it
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub cache: Option<PathBuf>,
+    #[command(flatten)]
+    pub running: RunningArgs,
 }
 
 /// `lumel unwrap`.

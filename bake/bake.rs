@@ -4,12 +4,13 @@ use super::args::{BakeArgs, UnwrapArgs};
 use super::config::{self, Resolved, Typed};
 use super::console::Console;
 use super::failure::Failure;
-use super::{destination, interrupt};
+use super::{destination, interrupt, plan};
 use lumel::pipeline::{self, Report};
 use lumel::progress::Progress;
 use lumel::settings::Settings;
+use lumel::work::Tally;
 use lumel::{Error, Result};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Stack of the worker threads [bytes]. The pipeline itself runs on one of them, and readers recurse over the depth of the
@@ -17,11 +18,26 @@ use std::time::Instant;
 const STACK_SIZE: usize = 16 << 20;
 
 /// What the pipeline offers: a scene file and a folder to a report.
-type Job = fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report>;
+pub type Job = fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report>;
+
+/// A bake as it is to be done.
+pub struct Order {
+    pub scene: PathBuf,
+    /// Where results go.
+    pub folder: PathBuf,
+    pub settings: Settings,
+    /// The config file that was read.
+    pub file: Option<PathBuf>,
+    /// It ends what shards have begun.
+    pub merges: bool,
+}
 
 /// `lumel bake`.
 pub fn bake(args: &BakeArgs, console: &Console) -> std::result::Result<(), Failure> {
-    run(args, args.output.as_deref(), !args.cache.no_cache, console, pipeline::bake)
+    match &args.plan {
+        Some(file) => plan::bake(args, file, console),
+        None => run(args, args.output.as_deref(), !args.cache.no_cache, console, pipeline::bake),
+    }
 }
 
 /// `lumel unwrap`.
@@ -36,24 +52,43 @@ fn run(
     console: &Console,
     job: Job,
 ) -> std::result::Result<(), Failure> {
-    let start = Instant::now();
-    let scene = args.scene().scene.as_path();
+    let scene = args.scene().path().to_path_buf();
     let Resolved { mut settings, file } = config::resolve(args)?;
-    let folder = destination::folder(scene, output);
+    let folder = destination::folder(&scene, output);
     settings.cache = if remembers { settings.cache.or_else(|| Some(destination::cache(&folder))) } else { None };
-    let inputs: Vec<&Path> =
-        [Some(scene), file.as_deref(), settings.environment.as_deref()].into_iter().flatten().collect();
-    destination::refuse_replacing(scene, &inputs, &folder)?;
+    carry_out(Order { scene, folder, settings, file, merges: false }, console, job)
+}
 
-    interrupt::install(console, console.cancel_flag(), Some(folder.clone()));
+/// Does `order` by `job`, and says what came of it.
+pub fn carry_out(order: Order, console: &Console, job: Job) -> std::result::Result<(), Failure> {
+    let start = Instant::now();
+    let Order { scene, folder, settings, file, merges } = order;
+    let inputs: Vec<&Path> =
+        [Some(scene.as_path()), file.as_deref(), settings.environment.as_deref()].into_iter().flatten().collect();
+    destination::refuse_replacing(&scene, &inputs, &folder)?;
+
+    // A shard writes nothing there.
+    let written = settings.shard.is_none().then(|| folder.clone());
+    interrupt::install(console, console.cancel_flag(), written);
     // A stage that fails isn't said to be done: the error takes its place.
-    let report = workers(&settings)?.install(|| job(scene, &folder, &settings, console))?;
+    let report = workers(&settings)?.install(|| job(&scene, &folder, &settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
+    let Tally { found, made } = report.tally;
+    let mut summary = report.summary();
     if settings.shard.is_some() {
+        let place = settings.cache.as_deref().unwrap_or(&folder);
+        summary = vec![format!("did {made} parts of the work, found {found} that were done")];
+        console.done(place, &summary, start.elapsed().as_secs_f64());
         return Ok(());
     }
-    console.done(&folder, &report.summary(), start.elapsed().as_secs_f64());
+    if merges {
+        summary.push(match made {
+            0 => "shards had done all of the work".to_string(),
+            _ => format!("did {made} of {} parts of the work itself: shards had left them", found + made),
+        });
+    }
+    console.done(&folder, &summary, start.elapsed().as_secs_f64());
     Ok(())
 }
 

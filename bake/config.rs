@@ -194,7 +194,7 @@ fn table(group: &impl Serialize) -> Result<Table> {
 /// `Usage`, naming file, line and key where the config file is wrong, else the option.
 pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
     let scene = args.scene();
-    let beside = scene.scene.with_file_name(FILE_NAME);
+    let beside = scene.path().with_file_name(FILE_NAME);
     let file = scene.config.clone().or_else(|| beside.is_file().then_some(beside));
     let mut lower = match &file {
         Some(path) => read(path).map_err(Failure::Usage)?,
@@ -209,6 +209,24 @@ pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
     }
     let settings = settle(lower, typed).map_err(Failure::Usage)?;
     Ok(Resolved { settings, file })
+}
+
+/// The settings that a process has of its own, and keys that say them.
+const OWN_KEYS: [&str; 5] = ["cache", "checkpoint", "shard", "threads", "overwrite"];
+
+/// What is typed beside a plan: where and how the work is done on this machine.
+///
+/// # Errors
+/// `Usage` where something else is typed, which is the plan's to say, or a value is wrong.
+pub fn beside_plan(args: &BakeArgs) -> std::result::Result<Settings, Failure> {
+    let typed = args.table().map_err(Failure::Usage)?;
+    let config = args.scene.config.as_ref().map(|_| "config");
+    if let Some(key) = typed.keys().map(String::as_str).chain(config).find(|key| !OWN_KEYS.contains(key)) {
+        let message = "is the plan's to say; leave it out, or plan the bake anew";
+        return Err(Failure::Usage(Error::invalid(format!("--{key}"), message)));
+    }
+    let own = Value::Table(typed).try_into::<Settings>();
+    own.map_err(|e| Failure::Usage(Error::invalid("settings", e.message())))
 }
 
 /// Refuses a config file that lies outside of `folder`, or names paths there: it may have come with the scene, and says

@@ -9,6 +9,8 @@
 //!     {"event":"done","output":"room_baked","seconds":70.2,"summary":["..."]}
 //!     {"event":"error","message":"room.glb: ..."}
 
+mod course;
+
 use super::args::{ConsoleArgs, LogFormat};
 use super::{log, print};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
@@ -37,6 +39,8 @@ enum Style {
     Bar,
     Lines,
     Json,
+    /// Open Job Description's messages.
+    Openjd,
 }
 
 /// The run's voice on stderr, and the ear for its interruption.
@@ -45,12 +49,16 @@ pub struct Console {
     style: Style,
     /// Errors as JSON; kept apart from the style, since a quiet run has errors, too.
     json: bool,
+    /// Errors as Open Job Description has them.
+    openjd: bool,
     start: Instant,
     cancelled: Arc<AtomicBool>,
     /// Units done in the current stage. Outside the lock: many threads count at once.
     done: AtomicU64,
     /// When progress is shown next [ms since the start].
     due: AtomicU64,
+    /// How far the whole run is [tenths of a percent], where that is shown.
+    whole: AtomicU64,
     stage: Mutex<Option<Stage>>,
     kept: Kept,
 }
@@ -73,6 +81,7 @@ struct Stage {
 #[derive(Clone, Debug)]
 pub struct ErrorVoice {
     json: bool,
+    openjd: bool,
     bar: bool,
     kept: Kept,
 }
@@ -83,8 +92,10 @@ impl Console {
         let json = args.log_format == Some(LogFormat::Json);
         // A log between the steps of a bar would tear it to pieces.
         let bar = std::io::stderr().is_terminal() && log::filter().is_none();
+        let openjd = args.log_format == Some(LogFormat::Openjd);
         let style = match (args.quiet, json, bar) {
             (true, ..) => Style::Quiet,
+            _ if openjd => Style::Openjd,
             (_, true, _) => Style::Json,
             (_, _, true) => Style::Bar,
             _ => Style::Lines,
@@ -92,10 +103,12 @@ impl Console {
         Self {
             style,
             json,
+            openjd,
             start: Instant::now(),
             cancelled: Arc::default(),
             done: AtomicU64::new(0),
             due: AtomicU64::new(0),
+            whole: AtomicU64::new(0),
             stage: Mutex::new(None),
             kept: Kept::default(),
         }
@@ -108,7 +121,7 @@ impl Console {
 
     /// What a signal handler speaks with.
     pub fn for_errors(&self) -> ErrorVoice {
-        ErrorVoice { json: self.json, bar: self.style == Style::Bar, kept: Arc::clone(&self.kept) }
+        ErrorVoice { json: self.json, openjd: self.openjd, bar: self.style == Style::Bar, kept: Arc::clone(&self.kept) }
     }
 
     /// Ends the current stage, if any: says how long it took.
@@ -120,7 +133,7 @@ impl Console {
             bar.finish_and_clear();
         }
         match self.style {
-            Style::Quiet => {}
+            Style::Quiet | Style::Openjd => {}
             Style::Bar => say(&format!("{name:>10}  {}", print::seconds(seconds))),
             Style::Lines => self.line(&format!("{name}: done in {}", print::seconds(seconds))),
             Style::Json => {
@@ -138,7 +151,7 @@ impl Console {
                     let event = json!({"event": "warning", "message": w.message, "places": w.places, "count": w.count});
                     say(&event.to_string());
                 }
-                Style::Bar | Style::Lines => {
+                Style::Bar | Style::Lines | Style::Openjd => {
                     let mut places = w.places.iter().take(PLACES).cloned().collect::<Vec<_>>().join(", ");
                     if w.count > w.places.len().min(PLACES) {
                         places += &format!(", ... ({} in all)", w.count);
@@ -156,6 +169,11 @@ impl Console {
             Style::Json => {
                 let output = folder.display().to_string();
                 say(&json!({"event": "done", "output": output, "seconds": seconds, "summary": summary}).to_string());
+            }
+            Style::Openjd => {
+                summary.iter().for_each(|line| say(line));
+                say(&format!("openjd_status: wrote {}", folder.display()));
+                say("openjd_progress: 100");
             }
             Style::Bar | Style::Lines => {
                 summary.iter().for_each(|line| say(line));
@@ -203,6 +221,10 @@ impl Console {
         let rate = done as f64 / stage.start.elapsed().as_secs_f64().max(1e-3);
         let by_rate = (total > 0 && done > 0).then(|| total.saturating_sub(done) as f64 / rate);
         let left = [by_rate, until_end].into_iter().flatten().reduce(f64::min);
+        if self.style == Style::Openjd {
+            self.show_whole(course::whole(stage.name, done, total));
+            return;
+        }
         if self.style == Style::Json {
             let event = json!({"event": "progress", "name": stage.name, "done": done, "total": total,
                                "per_second": rate, "seconds_left": left});
@@ -223,6 +245,13 @@ impl Console {
         self.line(&text);
     }
 
+    /// Shows how far the whole run is, 0..=1: it never seems to go back.
+    fn show_whole(&self, share: f64) {
+        let tenths = (1000.0 * share) as u64;
+        let tenths = self.whole.fetch_max(tenths, Ordering::Relaxed).max(tenths);
+        say(&format!("openjd_progress: {:.1}", tenths as f64 / 10.0));
+    }
+
     fn interval(&self) -> u64 {
         if self.style == Style::Bar { BAR_INTERVAL } else { LINE_INTERVAL }
     }
@@ -236,6 +265,10 @@ impl Progress for Console {
         match self.style {
             Style::Quiet | Style::Bar => {}
             Style::Lines => self.line(name),
+            Style::Openjd => {
+                say(&format!("openjd_status: {name}"));
+                self.show_whole(course::whole(name, 0, 0));
+            }
             Style::Json => {
                 let seconds = self.start.elapsed().as_secs_f64();
                 say(&json!({"event": "stage", "name": name, "total": total, "seconds": seconds}).to_string());
@@ -291,6 +324,7 @@ impl ErrorVoice {
             // Below the bar, if one is on the screen.
             let start = if self.bar { "\n" } else { "" };
             match error {
+                _ if self.openjd => say(&format!("openjd_fail: {message}")),
                 Error::Cancelled => say(&format!("{start}{message}")),
                 _ => say(&format!("{start}error: {message}")),
             }

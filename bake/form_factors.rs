@@ -20,7 +20,7 @@ use std::time::Instant;
 /// `Usage` where the settings are wrong, else the library's.
 pub fn form_factors(args: &FormFactorArgs, console: &Console) -> Result<(), Failure> {
     let start = Instant::now();
-    let scene = args.scene.scene.as_path();
+    let scene = args.scene.path();
     let Resolved { settings, file } = config::resolve(args)?;
     settings.view_factor_params().map_err(|e| match e {
         Error::Invalid { place, message } => Failure::Usage(Error::invalid(format!("--{place}"), message)),

@@ -15,7 +15,7 @@ use lumel::scene::BakeMode;
 /// `Usage` where the settings are wrong, else the loader's.
 pub fn inspect(args: &InspectArgs, console: &Console) -> Result<(), Failure> {
     let settings = config::resolve(args)?.settings;
-    let mut loaded = lumel::load::load_with(&args.scene.scene, &settings.load_options())?;
+    let mut loaded = lumel::load::load_with(args.scene.path(), &settings.load_options())?;
     lumel::added_light::add(&mut loaded, &settings)?;
     let inspection = look(&loaded, &settings);
     if args.json {

@@ -1,7 +1,7 @@
 //! The command `lumel`: arguments to settings, the library, and back to an exit code.
 //!
 //! Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted. Results go to files, or to stdout where the command prints
-//! something (`inspect`, `form-factors`, `compare`, `cache`, `completions`); progress, warnings and errors go to stderr.
+//! something (`plan`, `inspect`, `form-factors`, `compare`, `cache`, `completions`); progress, warnings and errors go to stderr.
 
 mod args;
 mod bake;
@@ -15,6 +15,7 @@ mod form_factors;
 mod inspect;
 mod interrupt;
 mod log;
+mod plan;
 mod print;
 mod render;
 
@@ -30,6 +31,8 @@ fn main() -> ExitCode {
         log::start(&args.console)?;
         match &args.command {
             Command::Bake(a) => bake::bake(a, &console),
+            Command::Plan(a) => plan::plan(a, &console),
+            Command::Merge(a) => plan::merge(a, &console),
             Command::Unwrap(a) => bake::unwrap(a, &console),
             Command::Inspect(a) => inspect::inspect(a, &console),
             Command::FormFactors(a) => form_factors::form_factors(a, &console),

@@ -17,7 +17,7 @@ use std::time::Instant;
 /// `Usage` where the settings are wrong, else the library's.
 pub fn render(args: &RenderArgs, console: &Console) -> Result<(), Failure> {
     let start = Instant::now();
-    let scene = args.scene.scene.as_path();
+    let scene = args.scene.path();
     let Resolved { settings, file } = config::resolve(args)?;
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.exr", destination::stem(scene))));
     let is_config = |f: &PathBuf| matches!((f.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);

@@ -191,7 +191,7 @@ pub fn share(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, pro
     let Stage { tracer: _, patches: _, reflectance, emission, exposure, lights, params } = &stage;
     let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
     let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
-    let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work }, progress)?;
+    let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work, progress }, progress)?;
     caustics::add(&lit, &parts, &mut apart, settings, progress)?;
     kept::see(&lit, &apart.whole, &settings.block_params(), false, work, progress)?;
     Ok(())
@@ -309,7 +309,7 @@ fn by_blocks(
     progress: &dyn Progress,
 ) -> Result<Found> {
     let keep = settings.layers.contains(&LayerKind::LightGroups);
-    let mut apart = direct_apart(lit, parts, keep, &Lamps { lit, work }, progress)?;
+    let mut apart = direct_apart(lit, parts, keep, &Lamps { lit, work, progress }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, each } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
@@ -365,7 +365,7 @@ fn by_elements(
         // Backs come on top of what the settings say.
         full_matrix::refuse_too_many(elements.len())?;
     }
-    let mut apart = direct_apart(lit, parts, false, &Lamps { lit, work }, progress)?;
+    let mut apart = direct_apart(lit, parts, false, &Lamps { lit, work, progress }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
     let Apart { whole: direct, left_out, .. } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;

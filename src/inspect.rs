@@ -21,7 +21,7 @@ use crate::settings::Settings;
 use crate::unwrap::{Density, Share};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// The share of a page that charts fill, for the estimate of pages; what xatlas reaches on rooms and furniture.
@@ -164,7 +164,7 @@ pub struct EnvironmentInfo {
 }
 
 /// How many texels a bake would have, about: packing is not tried.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Estimate {
     /// Texels per metre.
     pub density: f64,

@@ -27,6 +27,7 @@ pub mod moments;
 pub mod openness;
 pub mod patch;
 pub mod pipeline;
+pub mod plan;
 mod plane;
 pub mod post;
 pub mod probe;

@@ -63,12 +63,14 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     if settings.shard.is_some() {
         share(&loaded.scene, &atlas, settings, &work, &clock)?;
         report.warnings.extend(store.take_warnings());
+        report.tally = work.tally();
         report.stages = clock.stages();
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
     remember_state(&store, scene, &loaded.scene, &atlas)?;
     report.warnings.extend(store.take_warnings());
+    report.tally = work.tally();
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
     let of_light = lit.direct.rays + lit.solution.rays + lit.gathered.rays;
@@ -157,7 +159,10 @@ fn state_key(file: &Path) -> Key {
 const STATE: &str = "state";
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
-fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
+///
+/// # Errors
+/// `Invalid`.
+pub(crate) fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
     let scene = &loaded.scene;
     let is_live = !scene.lights.is_empty() || scene.environment.is_some();
     let message = match (scene.has_light(), is_live, settings.layers.is_empty()) {

@@ -12,11 +12,12 @@ use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::AuthoredUvs;
+use crate::work::Tally;
 use crate::write::encode::Encoding;
 use crate::write::exr::{channel_names, exceeds_half};
 use crate::write::{Baked, probes::FILES as PROBE_FILES};
 use cpu_time::ProcessTime;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -83,6 +84,9 @@ pub struct Report {
     /// write itself.
     pub files: Vec<String>,
     pub warnings: Warnings,
+    /// How much of the work had been done before; the file is of the result, and leaves it out.
+    #[serde(skip)]
+    pub tally: Tally,
 }
 
 /// The error of a bake as it is estimated: root mean square over the mean light, against the texels' area averages, without the
@@ -109,7 +113,7 @@ pub struct ProbeReport {
 }
 
 /// A file that was read.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Input {
     pub path: PathBuf,
     /// Absent for a file inside an archive.

@@ -440,6 +440,14 @@ impl Settings {
         Ok(ViewFactorParams { method, elements, relative_error, hemicube, probe_rays, direct, seed })
     }
 
+    /// Every path that is given, but for the cache and for a library, which is looked for by its name.
+    pub fn paths_mut(&mut self) -> Vec<&mut PathBuf> {
+        let own = [&mut self.environment, &mut self.confine, &mut self.dump_stages, &mut self.watch];
+        let own = own.into_iter().flatten();
+        let grids = self.media.iter_mut().filter_map(|medium| medium.grid.as_mut());
+        own.chain(self.projectors.iter_mut().map(|projector| &mut projector.picture)).chain(grids).collect()
+    }
+
     /// How texels get their light.
     pub fn gather(&self) -> Gather {
         match self.gather {

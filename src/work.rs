@@ -11,7 +11,7 @@ use crate::store::{Entry, Hasher, Key, Store};
 use glam::Vec3;
 use serde::Deserialize;
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long one waits for what others are doing before looking again.
@@ -31,7 +31,7 @@ pub struct Shard {
 }
 
 /// Shards at most.
-const MOST_SHARDS: usize = 4096;
+pub const MOST_SHARDS: usize = 4096;
 
 impl TryFrom<String> for Shard {
     type Error = String;
@@ -93,6 +93,17 @@ pub struct Work<'a> {
     is_full: AtomicBool,
     /// What the results of the bake before depended on, and what has changed since.
     before: Option<(Key, Change)>,
+    found: AtomicUsize,
+    made: AtomicUsize,
+}
+
+/// How much of the work had been done before, and how much was not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Results and parts of them that were found.
+    pub found: usize,
+    /// Those that had to be made.
+    pub made: usize,
 }
 
 /// The key of a result of `kind` that depends on `base` and on what `add` adds.
@@ -106,20 +117,28 @@ fn key(kind: &str, base: Key, add: impl FnOnce(&mut Hasher)) -> Key {
 impl<'a> Work<'a> {
     /// Nothing is found, and nothing put anywhere.
     pub fn unstored() -> Self {
-        let base = Key::from_bytes([0; Key::BYTES]);
-        let (since, is_full) = (Instant::now(), AtomicBool::new(false));
-        Self { store: None, base, shard: None, apart: Duration::MAX, since, is_full, before: None }
+        Self::within(None, Key::from_bytes([0; Key::BYTES]), None, Duration::MAX)
     }
 
     /// For results that all depend on `base`. Parts are put down once work has taken `apart`, or at once where others wait for them.
     pub fn new(store: &'a Store, base: Key, shard: Option<Shard>, apart: Duration) -> Self {
-        let store = Some(store).filter(|store| !store.is_none());
-        Self { store, base, shard, apart, since: Instant::now(), is_full: AtomicBool::new(false), before: None }
+        Self::within(Some(store).filter(|store| !store.is_none()), base, shard, apart)
+    }
+
+    fn within(store: Option<&'a Store>, base: Key, shard: Option<Shard>, apart: Duration) -> Self {
+        let (found, made) = Default::default();
+        let (since, is_full) = (Instant::now(), AtomicBool::new(false));
+        Self { store, base, shard, apart, since, is_full, before: None, found, made }
     }
 
     /// The same, which can start from results that depended on `base`, where no more than `change` has changed since.
     pub fn after(self, base: Key, change: Change) -> Self {
         Self { before: Some((base, change)), ..self }
+    }
+
+    /// How much was found and made so far.
+    pub fn tally(&self) -> Tally {
+        Tally { found: self.found.load(Ordering::Relaxed), made: self.made.load(Ordering::Relaxed) }
     }
 
     /// Which of the work is this process's; none: all of it.
@@ -170,8 +189,43 @@ impl<'a> Work<'a> {
         make: impl FnOnce() -> Result<T>,
     ) -> Result<T> {
         match self.find(kind, &add)? {
-            Some(found) => Ok(found),
+            Some(found) => {
+                self.found.fetch_add(1, Ordering::Relaxed);
+                Ok(found)
+            }
             None => self.renew(kind, add, make),
+        }
+    }
+
+    /// As [`once`](Self::once) for work that isn't parted, of which only what is `wanted` counts as found: of several processes that share
+    /// the work one makes it, and the others wait for it, or for its end without a result.
+    ///
+    /// # Errors
+    /// Those of `make`; `Io`; `Cancelled`.
+    pub fn once_in_all<T: Stored>(
+        &self,
+        kind: &str,
+        add: impl Fn(&mut Hasher),
+        wanted: impl Fn(&T) -> bool,
+        make: impl FnOnce() -> Result<T>,
+        progress: &dyn Progress,
+    ) -> Result<T> {
+        loop {
+            // Claimed before it is looked for: who had it may have ended between the two.
+            let claim = match self.store.filter(|_| self.shard.is_some()) {
+                Some(store) => store.claim(kind, self.key(kind, &add))?,
+                None => None,
+            };
+            if let Some(found) = self.find(kind, &add)?.filter(&wanted) {
+                self.found.fetch_add(1, Ordering::Relaxed);
+                return Ok(found);
+            }
+            if claim.is_some() || self.shard.is_none() || self.store.is_none() {
+                self.made.fetch_add(1, Ordering::Relaxed);
+                return self.renew(kind, add, make);
+            }
+            progress.check()?;
+            std::thread::sleep(PAUSE);
         }
     }
 
@@ -237,6 +291,7 @@ impl<'a> Work<'a> {
                 if let Some(entry) = store.read(kind, key(part))?
                     && job.read(part, entry.section(0)).is_some()
                 {
+                    self.found.fetch_add(1, Ordering::Relaxed);
                     continue;
                 }
                 let is_own = !self.shard.is_some_and(|shard| shard.alone) || own.contains(&part);
@@ -247,6 +302,7 @@ impl<'a> Work<'a> {
                     continue;
                 }
                 job.make(part)?;
+                self.made.fetch_add(1, Ordering::Relaxed);
                 if self.shard.is_some() || self.since.elapsed() >= self.apart {
                     self.put(store, kind, key(part), &[Cow::Owned(job.write(part))])?;
                 }

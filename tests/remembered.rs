@@ -125,7 +125,8 @@ fn a_moved_object_changes_what_it_can_touch() {
     let (scene, atlas) = furnished([1.0, 1.0]);
     remembering(&scene, &atlas, &store);
     let (moved, _) = furnished([2.6, 3.2]);
-    let (old, now) = (State::new(&scene, &atlas, base(&scene, &atlas)), State::new(&moved, &atlas, base(&moved, &atlas)));
+    let (old, now) =
+        (State::new(&scene, &atlas, base(&scene, &atlas)), State::new(&moved, &atlas, base(&moved, &atlas)));
     let (key, change) = now.since(&old).expect("the same surfaces");
     assert_eq!(change.surfaces.iter().filter(|changed| **changed).count(), 5);
     let work = Work::new(&store, base(&moved, &atlas), None, Duration::MAX).after(key, change);

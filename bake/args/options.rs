@@ -6,16 +6,16 @@ use clap::builder::PossibleValuesParser;
 use lumel::render::CameraChoice;
 use lumel::settings::SkySetting;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The scene, and the settings that hold for all of a run.
 #[derive(Debug, Default, clap::Args, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SceneArgs {
     /// Scene file: .gltf .glb .usd .usda .usdc .usdz
-    #[arg(value_name = "SCENE", value_hint = ValueHint::FilePath)]
+    #[arg(value_name = "SCENE", value_hint = ValueHint::FilePath, required = true)]
     #[serde(skip)]
-    pub scene: PathBuf,
+    pub scene: Option<PathBuf>,
     /// Settings file with the long options as keys [default: lumel.toml beside the scene, where there is one]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     #[serde(skip)]
@@ -43,6 +43,13 @@ pub struct SceneArgs {
     #[command(flatten)]
     #[serde(flatten)]
     pub limits: LimitArgs,
+}
+
+impl SceneArgs {
+    /// The scene; empty where a plan names it.
+    pub fn path(&self) -> &Path {
+        self.scene.as_deref().unwrap_or(Path::new(""))
+    }
 }
 
 /// What a scene may pull in and take: for scenes from anywhere.

@@ -41,15 +41,14 @@ pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) 
         Some((openings, change)) => openings.find_again(ground, seed, change, progress),
         None => Openings::find(ground, seed, progress),
     };
-    let openings = work.once(OPENINGS, add, find)?;
-    let openings = if fits(&openings) { openings } else { find()? };
-    Ok(openings.expose(ground))
+    Ok(work.once_in_all(OPENINGS, add, fits, find, progress)?.expose(ground))
 }
 
 /// Remembers the direct light of lamps.
 pub struct Lamps<'a> {
     pub lit: &'a Lit<'a>,
     pub work: &'a Work<'a>,
+    pub progress: &'a dyn Progress,
 }
 
 /// The kind of results that the direct light of lamps is.
@@ -85,8 +84,13 @@ impl Memory for Lamps<'_> {
         self.work.find_before(DIRECT, |hasher| self.add(unit, hasher))
     }
 
-    fn keep(&self, unit: &[Shining], light: &KeptLight) -> Result<()> {
-        self.work.keep(DIRECT, |hasher| self.add(unit, hasher), light)
+    fn once(
+        &self,
+        unit: &[Shining],
+        wanted: &dyn Fn(&KeptLight) -> bool,
+        make: &dyn Fn() -> Result<KeptLight>,
+    ) -> Result<KeptLight> {
+        self.work.once_in_all(DIRECT, |hasher| self.add(unit, hasher), wanted, make, self.progress)
     }
 }
 

@@ -27,7 +27,7 @@ pub struct KeptLight {
     /// Flux from lights that are no surface [lm].
     inflow: [f64; 3],
     rays: u64,
-    /// About the flux to patches [lm].
+    /// About the flux to patches [lm], by channel.
     flux: [f64; 3],
     /// How many times as much other light there was beside it when it was found.
     pub beside: f64,
@@ -49,9 +49,14 @@ fn over(value: Rgb, strength: Rgb) -> Rgb {
     Rgb::from_array(std::array::from_fn(channel))
 }
 
+/// The same for sums.
+pub(super) fn over_strength(sum: DVec3, strength: Rgb) -> DVec3 {
+    DVec3::select(strength.cmpgt(Rgb::ZERO), sum / strength.as_dvec3(), DVec3::ZERO)
+}
+
 impl KeptLight {
-    /// What is kept of `direct`, which lamps of the strength `strength` cause: about `flux` [lm], with `beside` times as much other light
-    /// around.
+    /// What is kept of `direct`, which lamps of the strength `strength` cause: about `flux` at a strength of 1 [lm], with `beside` times as
+    /// much other light around.
     pub fn new(direct: &Direct, strength: Rgb, flux: DVec3, beside: f64) -> Self {
         let unit = |value: Rgb| over(value, strength);
         let has = strength.cmpgt(Rgb::ZERO);
@@ -59,20 +64,19 @@ impl KeptLight {
         let differs =
             |i: usize| direct.shown[i].to_array().map(f32::to_bits) != direct.transport[i].to_array().map(f32::to_bits);
         let count = direct.transport.len();
-        let unit_sum = |sum: DVec3| DVec3::select(has, sum / strength.as_dvec3(), DVec3::ZERO).to_array();
         Self {
             transport: Values::new(count, is_lit, |i| unit(direct.transport[i]), has),
             shown: Values::new(count, differs, |i| unit(direct.shown[i]), has),
-            inflow: unit_sum(direct.inflow),
+            inflow: over_strength(direct.inflow, strength).to_array(),
             rays: direct.rays,
-            flux: unit_sum(flux),
+            flux: flux.to_array(),
             beside,
         }
     }
 
-    /// About the flux to patches [lm] of lamps of the strength `strength`.
-    pub fn flux(&self, strength: Rgb) -> DVec3 {
-        DVec3::from_array(self.flux) * strength.as_dvec3()
+    /// About the flux to patches at a strength of 1 [lm].
+    pub fn flux(&self) -> DVec3 {
+        DVec3::from_array(self.flux)
     }
 
     /// The light of lamps of the strength `strength` on so many patches; `None` where this is of others.

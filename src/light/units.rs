@@ -3,9 +3,12 @@
 //! Errors in a lamp's shadows are held against all light around. So the brightest lamps come first, and those after them are looked at
 //! as closely as the light that is there by then asks for: each by itself, a weak lamp would cost as much as the sun beside it. What was
 //! found of a lamp remembers how much light there was beside it, and is found anew where there is far less now.
+//!
+//! So each lamp's light depends on that of all brighter ones, and processes that share the work can't take different lamps at once: one
+//! finds a lamp's light, the others wait and read it.
 
-use super::direct::{Direct, direct_beside, glimpse_flux};
-use super::kept::KeptLight;
+use super::direct::{Direct, DirectParams, direct_beside, glimpse_flux};
+use super::kept::{KeptLight, over_strength};
 use super::touched::Kept;
 use super::{Lights, Lit, Shining};
 use crate::Result;
@@ -19,6 +22,9 @@ const MOST_UNITS: usize = 24;
 
 /// Light is found anew where the share of other light beside it has fallen below this share of what it was.
 const LESS: f64 = 0.5;
+
+/// Seeds of units lie so far apart.
+const SALT: u32 = 0x9E37_79B9;
 
 /// Remembers the direct light of units of lamps.
 pub trait Memory {
@@ -34,11 +40,17 @@ pub trait Memory {
     /// # Errors
     /// `Io`.
     fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>>;
-    /// Keeps `light` for later.
+    /// What was kept of it since, where it is `wanted`, or is being kept by another process that shares the work; else by `make`, to
+    /// be kept for later.
     ///
     /// # Errors
-    /// `Io`.
-    fn keep(&self, unit: &[Shining], light: &KeptLight) -> Result<()>;
+    /// `Io`; `Cancelled`; those of `make`.
+    fn once(
+        &self,
+        unit: &[Shining],
+        wanted: &dyn Fn(&KeptLight) -> bool,
+        make: &dyn Fn() -> Result<KeptLight>,
+    ) -> Result<KeptLight>;
 }
 
 /// `shining` cut into units: one a lamp, several where there are very many; the sky as a whole.
@@ -51,10 +63,19 @@ fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
 /// A unit, and what is known of its light.
 struct Unit {
     shining: Vec<Shining>,
+    /// From 0.
+    number: u32,
     strength: Rgb,
     kept: Option<KeptLight>,
-    /// About the flux that it sends to patches [lm], by channel.
+    /// About the flux that it sends to patches at a strength of 1 [lm], by channel.
     flux: DVec3,
+}
+
+impl Unit {
+    /// About the flux that it sends to patches [lm], luminance. The same to the bit whether it was kept or not: it decides the order.
+    fn light(&self) -> f64 {
+        f64::from(luminance((self.flux * self.strength.as_dvec3()).as_vec3()))
+    }
 }
 
 /// Light that is there already.
@@ -79,37 +100,43 @@ pub fn direct_of(
 ) -> Result<Direct> {
     let lights_of = |unit: &[Shining]| Lights::of(lit.ground.scene, |shining| unit.contains(&shining));
     let mut all: Vec<Unit> = Vec::new();
-    for shining in units(shining) {
+    for (shining, number) in units(shining).into_iter().zip(0..) {
         let (strength, kept) = (memory.strength(&shining), memory.recall(&shining)?);
         let flux = match &kept {
-            Some(kept) => kept.flux(strength),
-            None => glimpse_flux(&Lit { lights: &lights_of(&shining), ..*lit }, progress)?,
+            Some(kept) => kept.flux(),
+            None => over_strength(glimpse_flux(&Lit { lights: &lights_of(&shining), ..*lit }, progress)?, strength),
         };
-        all.push(Unit { shining, strength, kept, flux });
+        all.push(Unit { shining, number, strength, kept, flux });
     }
-    let light = |flux: DVec3| f64::from(luminance(flux.as_vec3()));
-    all.sort_by(|a, b| light(b.flux).total_cmp(&light(a.flux)));
+    all.sort_by(|a, b| b.light().total_cmp(&a.light()));
     let patches = lit.ground.patches.len();
     let mut sum: Option<Direct> = None;
-    for Unit { shining, strength, kept, flux } in all {
-        let ratio = beside.flux / light(flux).max(f64::MIN_POSITIVE);
+    for unit in all {
+        let light = unit.light();
+        let Unit { shining, number, strength, kept, flux } = unit;
+        let ratio = beside.flux / light.max(f64::MIN_POSITIVE);
         let is_close = |kept: &KeptLight| LESS * kept.beside <= ratio.max(LESS);
-        let recalled = kept.filter(is_close).and_then(|kept| kept.light(strength, patches));
-        let found = match recalled {
-            Some(found) => found,
-            None => {
-                let lights = lights_of(&shining);
-                let lit = Lit { lights: &lights, ..*lit };
-                let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
-                let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
-                let kept = before.as_ref().and_then(|(old, change)| Kept::new(&lit, old, change));
-                let found = direct_beside(&lit, &beside.irradiance, kept.as_ref(), progress)?;
-                let kept = KeptLight::new(&found, strength, flux, ratio);
-                memory.keep(&shining, &kept)?;
-                kept.light(strength, patches).unwrap_or(found)
-            }
+        let look = || {
+            let lights = lights_of(&shining);
+            // Numbers of its own: errors of lamps that shared them would add up.
+            let params =
+                DirectParams { seed: lit.params.seed.wrapping_add(SALT.wrapping_mul(number)), ..lit.params.clone() };
+            let lit = Lit { lights: &lights, params: &params, ..*lit };
+            let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
+            let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
+            let kept = before.as_ref().and_then(|(old, change)| Kept::new(&lit, old, change));
+            direct_beside(&lit, &beside.irradiance, kept.as_ref(), progress)
         };
-        beside.add(&found, light(flux));
+        let make = || Ok(KeptLight::new(&look()?, strength, flux, ratio));
+        let kept = match kept.filter(is_close) {
+            Some(kept) => kept,
+            None => memory.once(&shining, &is_close, &make)?,
+        };
+        let found = match kept.light(strength, patches) {
+            Some(found) => found,
+            None => look()?,
+        };
+        beside.add(&found, light);
         sum = Some(match sum {
             None => found,
             Some(sum) => sum.plus(&found),
