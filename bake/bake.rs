@@ -16,9 +16,6 @@ use std::time::Instant;
 /// scene; the default of 2 MiB is a quarter of what the main thread would have had.
 const STACK_SIZE: usize = 16 << 20;
 
-/// What the pipeline offers: a scene file and a folder to a report.
-type Job = fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report>;
-
 /// `lumel bake`.
 pub fn bake(args: &BakeArgs, console: &Console) -> std::result::Result<(), Failure> {
     run(args, args.output.as_deref(), !args.cache.no_cache, console, pipeline::bake)
@@ -34,26 +31,40 @@ fn run(
     output: Option<&Path>,
     remembers: bool,
     console: &Console,
-    job: Job,
+    job: impl Fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report> + Sync,
 ) -> std::result::Result<(), Failure> {
-    let start = Instant::now();
     let scene = args.scene().scene.as_path();
     let Resolved { mut settings, file } = config::resolve(args)?;
     let folder = destination::folder(scene, output);
     settings.cache = if remembers { settings.cache.or_else(|| Some(destination::cache(&folder))) } else { None };
-    let inputs: Vec<&Path> =
-        [Some(scene), file.as_deref(), settings.environment.as_deref()].into_iter().flatten().collect();
-    destination::refuse_replacing(scene, &inputs, &folder)?;
+    work_on(scene, file.as_deref(), &folder, &settings, console, job)
+}
 
-    interrupt::install(console, console.cancel_flag(), Some(folder.clone()));
+/// Does `job` on the scene file `scene`, into the folder `folder`, and tells of it; `config` is the settings file that was read.
+///
+/// # Errors
+/// Those of the job; `Invalid` where it would replace an input.
+pub fn work_on(
+    scene: &Path,
+    config: Option<&Path>,
+    folder: &Path,
+    settings: &Settings,
+    console: &Console,
+    job: impl Fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report> + Sync,
+) -> std::result::Result<(), Failure> {
+    let start = Instant::now();
+    let inputs: Vec<&Path> = [Some(scene), config, settings.environment.as_deref()].into_iter().flatten().collect();
+    destination::refuse_replacing(scene, &inputs, folder)?;
+
+    interrupt::install(console, console.cancel_flag(), Some(folder.to_path_buf()));
     // A stage that fails isn't said to be done: the error takes its place.
-    let report = workers(&settings)?.install(|| job(scene, &folder, &settings, console))?;
+    let report = workers(settings)?.install(|| job(scene, folder, settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
     if settings.shard.is_some() {
         return Ok(());
     }
-    console.done(&folder, &report.summary(), start.elapsed().as_secs_f64());
+    console.done(folder, &report.summary(), start.elapsed().as_secs_f64());
     Ok(())
 }
 

@@ -10,12 +10,14 @@ mod compare;
 mod config;
 mod console;
 mod destination;
+mod earlier;
 mod failure;
 mod form_factors;
 mod inspect;
 mod interrupt;
 mod log;
 mod print;
+mod relight;
 mod render;
 
 use args::{Args, Command};
@@ -30,6 +32,8 @@ fn main() -> ExitCode {
         log::start(&args.console)?;
         match &args.command {
             Command::Bake(a) => bake::bake(a, &console),
+            Command::Relight(a) => relight::relight(a, &console),
+            Command::Mix(a) => relight::mix(a, &console),
             Command::Unwrap(a) => bake::unwrap(a, &console),
             Command::Inspect(a) => inspect::inspect(a, &console),
             Command::FormFactors(a) => form_factors::form_factors(a, &console),

@@ -8,9 +8,11 @@
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::store::{Entry, Hasher, Key, Store};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long one waits for what others are doing before looking again.
@@ -70,6 +72,15 @@ pub trait Job {
     fn read(&mut self, part: usize, bytes: &[u8]) -> Option<()>;
 }
 
+/// Results of one kind that were wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Tally {
+    /// Found in the store, and good enough.
+    pub reused: u64,
+    /// Found anew.
+    pub anew: u64,
+}
+
 /// Where results are found and put, and which of the work is whose.
 pub struct Work<'a> {
     store: Option<&'a Store>,
@@ -81,6 +92,8 @@ pub struct Work<'a> {
     since: Instant,
     /// There was no room.
     is_full: AtomicBool,
+    /// By kind: how many results were asked for, and made.
+    counts: Mutex<BTreeMap<String, [u64; 2]>>,
 }
 
 impl<'a> Work<'a> {
@@ -88,13 +101,32 @@ impl<'a> Work<'a> {
     pub fn unstored() -> Self {
         let base = Key::from_bytes([0; Key::BYTES]);
         let (since, is_full) = (Instant::now(), AtomicBool::new(false));
-        Self { store: None, base, shard: None, apart: Duration::MAX, since, is_full }
+        Self { store: None, base, shard: None, apart: Duration::MAX, since, is_full, counts: Mutex::default() }
     }
 
     /// For results that all depend on `base`. Parts are put down once work has taken `apart`, or at once where others wait for them.
     pub fn new(store: &'a Store, base: Key, shard: Option<Shard>, apart: Duration) -> Self {
         let store = Some(store).filter(|store| !store.is_none());
-        Self { store, base, shard, apart, since: Instant::now(), is_full: AtomicBool::new(false) }
+        let (since, is_full) = (Instant::now(), AtomicBool::new(false));
+        Self { store, base, shard, apart, since, is_full, counts: Mutex::default() }
+    }
+
+    /// Results that were wanted so far, by kind; none without a store.
+    pub fn tally(&self) -> BTreeMap<String, Tally> {
+        let counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let tally = |&[asked, made]: &[u64; 2]| Tally { reused: asked.saturating_sub(made), anew: made };
+        counts.iter().map(|(kind, counts)| (kind.clone(), tally(counts))).collect()
+    }
+
+    fn count(&self, kind: &str, asked: u64, made: u64) {
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let counts = counts.entry(kind.to_string()).or_default();
+        *counts = [counts[0] + asked, counts[1] + made];
+    }
+
+    /// True where there is a result of `kind` that depends on the base and on what `add` adds. It isn't read.
+    pub fn has(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> bool {
+        self.store.is_some_and(|store| store.contains(kind, self.key(kind, add)))
     }
 
     /// Which of the work is this process's; none: all of it.
@@ -115,6 +147,7 @@ impl<'a> Work<'a> {
     /// `Io` where the store can't be read.
     pub fn find<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<T>> {
         let Some(store) = self.store else { return Ok(None) };
+        self.count(kind, 1, 0);
         Ok(store.read(kind, self.key(kind, add))?.as_ref().and_then(T::restore))
     }
 
@@ -124,6 +157,7 @@ impl<'a> Work<'a> {
     /// `Io` where others wait for it.
     pub fn keep<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher), result: &T) -> Result<()> {
         let Some(store) = self.store else { return Ok(()) };
+        self.count(kind, 0, 1);
         self.put(store, kind, self.key(kind, add), &result.sections())
     }
 
@@ -205,6 +239,7 @@ impl<'a> Work<'a> {
                 if let Some(entry) = store.read(kind, key(part))?
                     && job.read(part, entry.section(0)).is_some()
                 {
+                    self.count(kind, 1, 0);
                     continue;
                 }
                 let is_own = !self.shard.is_some_and(|shard| shard.alone) || own.contains(&part);
@@ -215,6 +250,7 @@ impl<'a> Work<'a> {
                     continue;
                 }
                 job.make(part)?;
+                self.count(kind, 1, 1);
                 if self.shard.is_some() || self.since.elapsed() >= self.apart {
                     self.put(store, kind, key(part), &[Cow::Owned(job.write(part))])?;
                 }
