@@ -36,7 +36,10 @@ impl Earlier {
     /// `Invalid` where there is no bake, or its scene isn't found; `Io`.
     pub fn read(baked: &Path, scene: Option<&Path>) -> Result<Self> {
         let found = std::fs::metadata(baked).map_err(|e| Error::io(baked, e))?;
-        let beside = |file: &Path| file.parent().map_or_else(PathBuf::new, Path::to_path_buf);
+        let beside = |file: &Path| match file.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+            _ => PathBuf::from("."),
+        };
         let folder = if found.is_dir() { baked.to_path_buf() } else { beside(baked) };
         let path = folder.join("report.json");
         let no_bake = || Error::invalid(baked.display(), "is no output folder of a bake: no report.json tells of one");
@@ -46,7 +49,7 @@ impl Earlier {
             if size <= MOST_BYTES { serde_json::from_slice(&text).unwrap_or_default() } else { Json::Null };
         let input = report.pointer("/inputs/0/path").and_then(Json::as_str).map(PathBuf::from).ok_or_else(no_bake)?;
         let hash = report.pointer("/inputs/0/sha256").and_then(Json::as_str);
-        let base = base_of(&input, &folder);
+        let base = base_of(&input, hash, &folder);
         let (scene, base) = match (scene, base) {
             (Some(scene), base) => (scene.to_path_buf(), base.unwrap_or_default()),
             (None, Some(base)) => (base.join(&input), base),
@@ -125,15 +128,20 @@ fn option(value: &Value) -> Option<String> {
     }
 }
 
-/// The folder that `path`, as a report names it, is relative to: the current one, or else one that `folder` lies in. `None` where it
-/// is in none of them.
-fn base_of(path: &Path, folder: &Path) -> Option<PathBuf> {
-    let here = PathBuf::new();
-    if path.is_file() {
-        return Some(here);
+/// The folder that `path`, as the report of the bake in `folder` names it, is relative to: the current one, or else one that `folder` lies
+/// in and where what was baked still is, by its hash. `None` where it is in none of them.
+fn base_of(path: &Path, hash: Option<&str>, folder: &Path) -> Option<PathBuf> {
+    let folder = folder.canonicalize().ok()?;
+    // The GLB of a bake has the name of its scene.
+    let is_result = |file: &Path| file.canonicalize().is_ok_and(|file| file.parent() == Some(&*folder));
+    if path.is_file() && !(path.is_relative() && is_result(path)) {
+        return Some(PathBuf::new());
     }
-    let folder = folder.canonicalize().ok().filter(|_| path.is_relative())?;
-    folder.ancestors().find(|base| base.join(path).is_file()).map(Path::to_path_buf)
+    let is_it = |base: &&Path| {
+        let file = base.join(path);
+        file.is_file() && hash.is_some() && Input::new(file).sha256.as_deref() == hash
+    };
+    folder.ancestors().skip(1).filter(|_| path.is_relative()).find(is_it).map(Path::to_path_buf)
 }
 
 /// Makes relative paths relative to the current folder that are so to `base`.

@@ -260,10 +260,11 @@ impl Report {
                 (None, Gather::None) => "noise not measured".to_string(),
                 _ => format!("noise {noise:.2} %"),
             };
-            lines.push(match self.energy.is_empty() {
-                true => noise,
-                false => format!("{noise}, energy balance {balance:+.3} %"),
-            });
+            match (self.energy.is_empty(), self.mixed.is_some()) {
+                (_, true) => {}
+                (true, false) => lines.push(noise),
+                (false, false) => lines.push(format!("{noise}, energy balance {balance:+.3} %")),
+            }
             let reused = self.reused.iter().filter(|(_, tally)| tally.reused > 0);
             let reused: Vec<String> =
                 reused.map(|(kind, Tally { reused, anew })| format!("{kind} {reused} of {}", reused + anew)).collect();
