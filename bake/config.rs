@@ -382,13 +382,20 @@ fn settle(mut lower: Table, typed: Table) -> Result<Settings> {
     replace(&mut lower, &typed);
     lower.extend(typed);
     choose_for_engine(&mut lower)?;
-    let settings: Settings =
-        Value::Table(lower).try_into().map_err(|e: toml::de::Error| Error::invalid("settings", e.message()))?;
+    let settings = settings(lower)?;
     settings.check().map_err(|e| match e {
         Error::Invalid { place, message } => Error::invalid(format!("--{place}"), message),
         e => e,
     })?;
     Ok(settings)
+}
+
+/// A table as settings, whatever their range.
+///
+/// # Errors
+/// `Invalid` where it is none.
+pub fn settings(table: Table) -> Result<Settings> {
+    Value::Table(table).try_into().map_err(|e: toml::de::Error| Error::invalid("settings", e.message()))
 }
 
 /// Fills in what the engine of `for` wants, where nothing else is said.

@@ -19,11 +19,11 @@ use std::path::Path;
 pub fn relight(args: &RelightArgs, console: &Console) -> Result<(), Failure> {
     let earlier = Earlier::read(&args.baked, args.scene.as_deref())?;
     let baked = earlier.settings_of_bake()?;
-    let base = serde_json::to_value(&baked).unwrap_or_default();
+    let base = config::settings(baked.clone())?;
     let Resolved { mut settings, file } = config::resolve_over(baked, args.config.as_deref(), args.table()?)?;
     let what = if earlier.has_changed { "the scene has changed since it was baked; bake anew" } else { "bake first" };
     let advice = format!("{what} (or relight with --or-bake): {}", earlier.command()?);
-    settings.relight = Some(Relight { baked: base, advice, or_bake: args.or_bake });
+    settings.relight = Some(Relight { baked: Box::new(base), advice, or_bake: args.or_bake });
     settings.cache = settings.cache.or_else(|| Some(destination::cache(&earlier.folder)));
     let folder = args.output.as_deref().unwrap_or(&earlier.folder);
     settings.overwrite |= is_same(folder, &earlier.folder);

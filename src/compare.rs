@@ -232,7 +232,7 @@ pub fn read_layers(path: &Path) -> Result<(Page, Vec<ReadLayer>)> {
     let page = read_page(path)?;
     let image = read_image(path)?;
     let Some(layer) = image.layer_data.first() else { return Ok((page, Vec::new())) };
-    let told = layer.attributes.other.iter().find(|(name, _)| name.to_string() == "lumel:layers");
+    let told = layer.attributes.other.iter().find(|(name, _)| *name == "lumel:layers");
     let Some((_, AttributeValue::Text(told))) = told else { return Ok((page, Vec::new())) };
     let wrong = || Error::invalid(path.display(), "its header tells of layers that it doesn't hold; bake anew");
     let told: serde_json::Value = serde_json::from_str(&told.to_string()).map_err(|_| wrong())?;

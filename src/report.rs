@@ -67,7 +67,7 @@ pub struct Report {
     pub reused: BTreeMap<String, Tally>,
     /// The settings of the bake that this is other light for; absent where this is a bake.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub relit: Option<serde_json::Value>,
+    pub relit: Option<Box<Settings>>,
     /// What light groups were multiplied by; absent unless pages were mixed of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mixed: Option<Vec<MixReport>>,

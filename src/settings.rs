@@ -212,7 +212,7 @@ pub struct Settings {
 #[derive(Clone, Debug, Default)]
 pub struct Relight {
     /// The settings of that bake, for the report.
-    pub baked: serde_json::Value,
+    pub baked: Box<Settings>,
     /// What to do where nothing that fits is remembered.
     pub advice: String,
     /// Bakes where what blocks saw isn't remembered, or is of something else.

@@ -280,6 +280,17 @@ fn the_command_relights_a_folder() {
     assert!(fs::read(folder.0.join("evening").join(PAGE)).unwrap() == evening);
     assert!(fs::read(baked.join(PAGE)).unwrap() == first);
 
+    // Light from where the bake had none is found too roughly, which is told.
+    folder.write(
+        "corner.toml",
+        "[[materials]]\nname = \"lamp\"\nemission-scale = 0.0\n[[lamps]]\nname = \"corner\"\nadd = \"point\"\n\
+         position = [0.02, 0.02, 0.02]\nintensity = 5.0\n",
+    );
+    done(dir, &["relight", "baked", "--config", "corner.toml", "-o", "corner"]);
+    let told = report(&folder.0.join("corner"));
+    assert!(told["error"]["estimated"].as_f64().unwrap() > 6.0, "{}", told["error"]);
+    assert!(told["warnings"].to_string().contains("less of this one than was asked for"), "{}", told["warnings"]);
+
     // As a bake of these settings has it, which knows what the relit one knew.
     done(dir, &["bake", "box.glb", "-o", "full", "--resolution", "64", "--error", "1%", "--config", "evening.toml"]);
     let pages = ["evening", "full"].map(|name| read_page(&folder.0.join(name).join(PAGE)).unwrap());
