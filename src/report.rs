@@ -19,6 +19,7 @@ use crate::write::{Baked, probes::FILES as PROBE_FILES};
 use cpu_time::ProcessTime;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -54,13 +55,22 @@ pub struct Report {
     pub buried_texels: usize,
     pub triangles: usize,
     pub stages: Vec<StageTime>,
-    /// Rays and visibility segments that were traced.
+    /// Rays and visibility segments that the light took, those of what is `reused` among them.
     pub rays: u64,
     /// Absent where paths were traced.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solver: Option<SolverReport>,
     /// Noise of the gathered light over all texels, root mean square over mean irradiance.
     pub noise: f64,
+    /// What was remembered by earlier bakes, and what was found anew, by kind; absent without a cache.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub reused: BTreeMap<String, Tally>,
+    /// The settings of the bake that this is other light for; absent where this is a bake.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relit: Option<Box<Settings>>,
+    /// What light groups were multiplied by; absent unless pages were mixed of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mixed: Option<Vec<MixReport>>,
     /// What error is estimated to be left; absent where blocks did not gather.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
@@ -84,9 +94,6 @@ pub struct Report {
     /// write itself.
     pub files: Vec<String>,
     pub warnings: Warnings,
-    /// How much of the work had been done before; the file is of the result, and leaves it out.
-    #[serde(skip)]
-    pub tally: Tally,
 }
 
 /// The error of a bake as it is estimated: root mean square over the mean light, against the texels' area averages, without the
@@ -118,6 +125,14 @@ pub struct Input {
     pub path: PathBuf,
     /// Absent for a file inside an archive.
     pub sha256: Option<String>,
+}
+
+/// What the light of a group was multiplied by.
+#[derive(Clone, Debug, Serialize)]
+pub struct MixReport {
+    pub group: String,
+    /// By channel.
+    pub weight: [f32; 3],
 }
 
 /// A surface and its place.
@@ -234,6 +249,7 @@ impl Report {
         }
         if is_lit {
             let how = match &self.solver {
+                None if self.mixed.is_some() => "mixed of light groups".to_string(),
                 None => format!("traced by the method {}", self.settings.method.name()),
                 Some(SolverReport { name, elements, iterations, .. }) if self.settings.iterations.is_some() => {
                     format!("{name} over {elements} elements, {iterations} iterations as asked")
@@ -251,10 +267,17 @@ impl Report {
                 _ if self.noise == 0.0 && self.may_be_one_pass() => "noise unknown".to_string(),
                 _ => format!("noise {noise:.2} %"),
             };
-            lines.push(match self.energy.is_empty() {
-                true => noise,
-                false => format!("{noise}, energy balance {balance:+.3} %"),
-            });
+            match (self.energy.is_empty(), self.mixed.is_some()) {
+                (_, true) => {}
+                (true, false) => lines.push(noise),
+                (false, false) => lines.push(format!("{noise}, energy balance {balance:+.3} %")),
+            }
+            let reused = self.reused.iter().filter(|(_, tally)| tally.reused > 0);
+            let reused: Vec<String> =
+                reused.map(|(kind, Tally { reused, anew })| format!("{kind} {reused} of {}", reused + anew)).collect();
+            if !reused.is_empty() {
+                lines.push(format!("from the cache: {}", reused.join(", ")));
+            }
             let bright = self.pages.iter().filter(|p| p.samples == Some("float") && !self.settings.float).count();
             if bright > 0 {
                 lines.push(format!("{bright} page(s) hold more than half floats do (65504): written as 32-bit floats"));

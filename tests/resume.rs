@@ -134,7 +134,9 @@ fn result(folder: &Path) -> BTreeMap<String, Vec<u8>> {
             return (name, bytes);
         }
         let mut report: Value = serde_json::from_slice(&bytes).unwrap();
-        ["stages", "peak_memory_bytes", "rays", "warnings"].map(|key| report.as_object_mut().unwrap().remove(key));
+        for key in ["stages", "peak_memory_bytes", "rays", "warnings", "reused"] {
+            report.as_object_mut().unwrap().remove(key);
+        }
         (name, report.to_string().into_bytes())
     };
     files_below(folder).into_iter().map(content).collect()

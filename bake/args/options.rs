@@ -377,6 +377,16 @@ pub struct RememberArgs {
     pub shard: Option<String>,
 }
 
+/// Where is remembered what is needed.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Cache")]
+#[serde(rename_all = "kebab-case")]
+pub struct RecallArgs {
+    /// Folder of what the bake remembers [default: .lumel in its output folder]
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub cache: Option<PathBuf>,
+}
+
 /// Where a picture is taken from.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "View")]

@@ -4,7 +4,7 @@ use crate::blocks::kept::Kept;
 use crate::blocks::{BlockParams, Seen, look, look_again};
 use crate::color::Rgb;
 use crate::digest;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::light::direct::DirectParams;
 use crate::light::kept::KeptLight;
 use crate::light::units::Memory;
@@ -13,6 +13,7 @@ use crate::patch::Ground;
 use crate::patch::unocclude::{Exposure, Openings};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::settings::Settings;
 use crate::store::{Entry, Hasher, Key};
 use crate::unwrap::Atlas;
 use crate::work::{Change, Stored, Work};
@@ -26,9 +27,8 @@ pub fn add_base(hasher: &mut Hasher, scene: &Scene, atlas: &Atlas) {
     hasher.add_key(digest::atlas(atlas));
 }
 
-/// The kinds of results that openings of texels are, and what blocks see.
+/// The kind of results that openings of texels are.
 const OPENINGS: &str = "openings";
-const LINKS: &str = "links";
 
 /// What of patches lies in the open.
 ///
@@ -100,29 +100,55 @@ pub struct Sight {
     pub is_fresh: bool,
 }
 
-/// What blocks see: remembered, unless it is to be found `anew`.
+/// Whether what blocks see may be remembered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// It must be.
+    Never,
+    /// It may.
+    Once,
+    /// It mustn't.
+    Anew,
+}
+
+/// The kind of results that what blocks see is.
+const LINKS: &str = "links";
+
+/// Adds what links depend on beside the base; `shading`: irradiance is about interpolated normals.
+fn add_links(hasher: &mut Hasher, params: &BlockParams, shading: bool) {
+    // What is wanted of the light, and how often it is reflected, changes nothing of what is seen.
+    hasher.add_debug(&BlockParams { layers: false, halves: false, max_bounces: None, ..params.clone() });
+    hasher.add_u64(u64::from(shading));
+}
+
+/// True where it is remembered what blocks see in a bake of these settings.
+pub fn has_links(work: &Work, settings: &Settings) -> bool {
+    let shading = settings.direct_params().shading_normals;
+    work.has(LINKS, |hasher| add_links(hasher, &settings.block_params(), shading))
+}
+
+/// What blocks see, found by tracing or remembered as `how` says.
 ///
 /// # Errors
-/// `Cancelled`; `Io`; `Awaited`.
+/// `Cancelled`; `Io`; `Awaited`; `Invalid` where it must be remembered and isn't.
 pub fn see(
     lit: &Lit,
     direct: &Direct,
     params: &BlockParams,
-    anew: bool,
+    how: Look,
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Sight> {
-    // What is wanted of the light, and how often it is reflected, changes nothing of what is seen.
-    let base = BlockParams { layers: false, halves: false, max_bounces: None, ..params.clone() };
-    let add = |hasher: &mut Hasher| {
-        hasher.add_debug(&base);
-        hasher.add_u64(u64::from(lit.params.shading_normals));
-    };
-    let known = if anew { None } else { work.find::<Kept>(LINKS, add)? };
+    let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params.shading_normals);
+    let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add)? };
     if let Some(kept) = known {
         return Ok(Sight { seen: Seen::joined(kept, None), is_fresh: false });
     }
-    let before = if anew { None } else { work.find_before::<Kept>(LINKS, add)? };
+    if how == Look::Never {
+        let message = "what blocks saw can't be read from the cache any more; bake anew";
+        return Err(Error::invalid("relight", message));
+    }
+    let before = if how == Look::Anew { None } else { work.find_before::<Kept>(LINKS, add)? };
     let again = match &before {
         Some((kept, change)) => look_again(lit, direct, params, (kept, change), work, progress)?,
         None => None,
