@@ -77,7 +77,9 @@ pub fn carry_out(
     let report = workers(&settings)?.install(|| job(&scene, &folder, &settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
-    let (found, made) = report.reused.values().fold((0, 0), |(f, m), tally| (f + tally.reused, m + tally.anew));
+    // What blocks see is put together from parts by whoever wants it.
+    let work = report.reused.iter().filter(|(kind, _)| *kind != "links").map(|(_, tally)| tally);
+    let (found, made) = work.fold((0, 0), |(f, m), tally| (f + tally.reused, m + tally.anew));
     let mut summary = report.summary();
     if settings.shard.is_some() {
         let place = settings.cache.as_deref().unwrap_or(&folder);

@@ -6,6 +6,7 @@ pub use mix::{Weight, mix};
 
 use crate::adaptive::{self, AdaptiveReport, adapt, densities};
 use crate::added_light;
+use crate::blocks::PARTS;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
@@ -77,6 +78,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
+    work.forget_parts(PARTS);
     remember_state(&store, scene, &loaded.scene, &atlas)?;
     report.warnings.extend(store.take_warnings());
     report.reused = work.tally();

@@ -61,6 +61,9 @@ pub struct Change {
     pub boxes: Vec<[Vec3; 2]>,
 }
 
+/// Digits of a base that tell its parts from those of others.
+const PREFIX: usize = 16;
+
 /// A result that can be stored.
 pub trait Stored: Sized {
     /// Its content.
@@ -279,6 +282,20 @@ impl<'a> Work<'a> {
         }
     }
 
+    /// The kind of entries that parts of work of `kind` are, on what the base is of: they can go all at once.
+    fn kind_of_parts(&self, kind: &str) -> String {
+        format!("{kind}-{}", &self.base.to_string()[..PREFIX])
+    }
+
+    /// Lets the parts of work of `kind` go, which nobody needs once what they are for has been found.
+    pub fn forget_parts(&self, kind: &str) {
+        if let Some(store) = self.store
+            && let Err(error) = store.remove_kind(&self.kind_of_parts(kind))
+        {
+            store.warn("cache", error);
+        }
+    }
+
     /// Does the `count` parts of `job`, which depends on the base and on what `add` adds: those that are in the store are taken from
     /// there, those that another process is at are waited for.
     ///
@@ -294,6 +311,7 @@ impl<'a> Work<'a> {
     ) -> Result<()> {
         let Some(store) = self.store else { return (0..count).try_for_each(|part| job.make(part)) };
         let key = self.key(kind, add);
+        let parts = &self.kind_of_parts(kind);
         let key = |part: usize| {
             Key::of(kind, |hasher| {
                 hasher.add_key(key);
@@ -307,23 +325,23 @@ impl<'a> Work<'a> {
             let mut others = Vec::new();
             for part in left {
                 progress.check()?;
-                if let Some(entry) = store.read(kind, key(part))?
+                if let Some(entry) = store.read(parts, key(part))?
                     && job.read(part, entry.section(0)).is_some()
                 {
                     self.count(kind, 1, 0);
                     continue;
                 }
                 let is_own = !self.shard.is_some_and(|shard| shard.alone) || own.contains(&part);
-                let claim = if is_own && self.shard.is_some() { store.claim(kind, key(part))? } else { None };
+                let claim = if is_own && self.shard.is_some() { store.claim(parts, key(part))? } else { None };
                 // Who had it may have ended between the two looks.
-                if !is_own || self.shard.is_some() && claim.is_none() || store.contains(kind, key(part)) {
+                if !is_own || self.shard.is_some() && claim.is_none() || store.contains(parts, key(part)) {
                     others.push(part);
                     continue;
                 }
                 job.make(part)?;
                 self.count(kind, 1, 1);
                 if self.shard.is_some() || self.since.elapsed() >= self.apart {
-                    self.put(store, kind, key(part), &[Cow::Owned(job.write(part))])?;
+                    self.put(store, parts, key(part), &[Cow::Owned(job.write(part))])?;
                 }
             }
             if others.is_empty() {

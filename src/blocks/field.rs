@@ -11,7 +11,7 @@ use super::shoot::{Draw, Sampled};
 use super::show::neighbours;
 use super::sky_cells::{Escaped, SkyCells};
 use super::sweep::{BackLight, Radiosity, Swept, System};
-use super::{BlockParams, SHARE};
+use super::{BlockParams, PARTS, SHARE};
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::gather::Backs;
@@ -278,7 +278,7 @@ impl<'a> Field<'a> {
             hasher.add_slice(&self.base);
             hasher.add_slice(&self.sent);
         };
-        self.work.share("look", add, parts, &mut sampling, progress)?;
+        self.work.share(PARTS, add, parts, &mut sampling, progress)?;
         let Sampling { sampled, backs: mut seen, rays, .. } = sampling;
         self.sampled = sampled;
         self.step += 1;

@@ -79,6 +79,9 @@ pub struct Exchanged {
     pub bias: f64,
 }
 
+/// The kind of work that looks of blocks are, which may be done in parts.
+pub const PARTS: &str = "look";
+
 /// Blocks that a thread takes at once, at most: some cost far more than others, and none may wait for one thread's share.
 const SHARE: usize = 128;
 

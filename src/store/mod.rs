@@ -155,6 +155,20 @@ impl Store {
         }
     }
 
+    /// Removes all entries of `kind`, and claims on them.
+    ///
+    /// # Errors
+    /// `Io`.
+    pub fn remove_kind(&self, kind: &str) -> Result<()> {
+        let Some(folder) = &self.folder else { return Ok(()) };
+        assert!(is_kind(kind), "{kind:?} is no kind of entry");
+        let folder = folder.join(kind);
+        match fs::remove_dir_all(&folder) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(Error::io(&folder, e)),
+            _ => Ok(()),
+        }
+    }
+
     /// Tells of something that is no error.
     pub fn warn(&self, place: impl fmt::Display, message: impl fmt::Display) {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).add(place, message);

@@ -75,7 +75,7 @@ def bake_by_ray(scene: Path, options: list[str], folder: Path, worker: bool) -> 
     process = subprocess.Popen([str(a) for a in script], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     killed = None
     while process.poll() is None and killed is None:
-        kept = [f for f in (job / "cache").rglob("*") if f.is_file() and f.parent.name == "look" and not f.name.startswith(".")]
+        kept = [f for f in (job / "cache").rglob("*") if f.is_file() and f.parent.name.startswith("look") and not f.name.startswith(".")]
         at_work = shards_of(job / "plan.json")
         if kept and at_work:
             killed = parent_of(at_work[0]) if worker else at_work[0]
