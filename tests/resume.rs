@@ -293,13 +293,13 @@ fn shards_in_turn_and_alone_give_the_same_bits() {
             assert!(code == 0 || code == AWAITED, "{}", stderr(&output));
             code
         };
-        let is_done = caches.iter().enumerate().map(alone).fold(true, |all, code| all && code == 0);
+        let codes: Vec<i32> = caches.iter().enumerate().map(alone).collect();
         for (from, to) in caches.iter().flat_map(|from| caches.iter().map(move |to| (from, to))) {
             if from != to {
                 bring(from, to);
             }
         }
-        if is_done {
+        if codes.iter().all(|code| *code == 0) {
             break;
         }
         assert!(rounds < 30, "parts stay missing");
