@@ -8,10 +8,11 @@ mod options;
 mod values;
 
 pub use options::*;
-use values::parse_bytes;
+use values::{parse_bytes, parse_weight};
 
 use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum, ValueHint};
+use lumel::pipeline::Weight;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -37,6 +38,17 @@ pub enum Command {
     /// vertex colours), for a USD scene <stem>.lumel.usda (an override layer) and, where meshes were cut for the light,
     /// <stem>.vertex.usda (a layer of the pieces), and report.json. The input is never touched.
     Bake(Box<BakeArgs>),
+    /// Find the light of a bake anew for other lamps, without tracing between surfaces
+    ///
+    /// What the bake remembers of what surfaces see of one another serves any light: lamps that are brighter, darker, off, of another
+    /// colour, moved or added, another sun or sky, other emission and albedo. Direct light is traced of lamps alone that are new or
+    /// elsewhere. A settings file says what differs from the bake, in `[[lamps]]`, `[[materials]]`, sun and sky.
+    Relight(Box<RelightArgs>),
+    /// Weigh the light groups of a bake against each other
+    ///
+    /// The pages become the sum of the layers that --layers light-groups left, each multiplied by its weight; nothing is traced
+    /// between surfaces.
+    Mix(Box<MixArgs>),
     /// Lay a bake out for several processes or machines
     ///
     /// Writes plan.json, which `lumel bake --plan` and `lumel merge` read, and template.yaml, the same as a job of Open Job Description
@@ -61,7 +73,8 @@ pub enum Command {
     /// Take a picture of a scene through a camera, by rays
     ///
     /// Writes the picture [nit] as OpenEXR and, tone-mapped, as a PNG of the same name beside it: as it grows, and at the end. Of a bake's
-    /// GLB it shows the lightmaps, unless a --method is given.
+    /// GLB it shows the lightmaps on matte surfaces, with glass and mirrors left out, unless a --method is given; the even sky of the bake, which
+    /// the GLB's extras hold, is put back unless --sky or --environment give another.
     Render(Box<RenderArgs>),
     /// Compare two baked EXR pages, and draw where they differ
     Compare(CompareArgs),
@@ -160,6 +173,56 @@ pub struct MergeArgs {
     pub running: RunningArgs,
 }
 
+/// `lumel relight`.
+#[derive(Debug, clap::Args)]
+pub struct RelightArgs {
+    /// Output folder of the bake, or its report.json or GLB
+    #[arg(value_name = "BAKED", value_hint = ValueHint::AnyPath)]
+    pub baked: PathBuf,
+    /// Settings file that says what differs from the bake
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub config: Option<PathBuf>,
+    /// Folder to write to; made where missing [default: that of the bake]
+    #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+    /// The scene file, where it isn't where it was
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub scene: Option<PathBuf>,
+    /// Bake where nothing that fits is remembered
+    #[arg(long)]
+    pub or_bake: bool,
+    #[command(flatten)]
+    pub light: LightArgs,
+    #[command(flatten)]
+    pub results: ResultArgs,
+    #[command(flatten)]
+    pub running: RunningArgs,
+    #[command(flatten)]
+    pub cache: RecallArgs,
+}
+
+/// `lumel mix`.
+#[derive(Debug, clap::Args)]
+pub struct MixArgs {
+    /// Output folder of the bake, or its report.json or GLB
+    #[arg(value_name = "BAKED", value_hint = ValueHint::AnyPath)]
+    pub baked: PathBuf,
+    /// What the light of a group is multiplied by, may be repeated; those that aren't named count 1, and what has no group is
+    /// `ungrouped` [0 or more]
+    #[arg(long, value_name = "GROUP=W|R,G,B", value_parser = parse_weight)]
+    pub weight: Vec<Weight>,
+    /// Folder to write to; made where missing
+    #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub output: PathBuf,
+    /// The scene file, where it isn't where it was
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub running: RunningArgs,
+    #[command(flatten)]
+    pub cache: RecallArgs,
+}
+
 /// `lumel unwrap`.
 #[derive(Debug, clap::Args)]
 pub struct UnwrapArgs {
@@ -239,7 +302,7 @@ pub struct FactorArgs {
 pub struct RenderArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Picture to write, and a .png beside it [default: ./<stem>.exr]
+    /// Picture to write, and a .png beside it; its folder is made where missing [default: ./<stem>.exr]
     #[arg(short, long, value_name = "F.exr", value_hint = ValueHint::FilePath)]
     pub output: Option<PathBuf>,
     /// Show a bake (its GLB) by a final gather: from every point of the picture rays read the lightmaps where they land, so that

@@ -8,7 +8,6 @@ use super::{destination, interrupt, plan};
 use lumel::pipeline::{self, Report};
 use lumel::progress::Progress;
 use lumel::settings::Settings;
-use lumel::work::Tally;
 use lumel::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -16,9 +15,6 @@ use std::time::Instant;
 /// Stack of the worker threads [bytes]. The pipeline itself runs on one of them, and readers recurse over the depth of the
 /// scene; the default of 2 MiB is a quarter of what the main thread would have had.
 const STACK_SIZE: usize = 16 << 20;
-
-/// What the pipeline offers: a scene file and a folder to a report.
-pub type Job = fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report>;
 
 /// A bake as it is to be done.
 pub struct Order {
@@ -50,7 +46,7 @@ fn run(
     output: Option<&Path>,
     remembers: bool,
     console: &Console,
-    job: Job,
+    job: impl Fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report> + Sync,
 ) -> std::result::Result<(), Failure> {
     let scene = args.scene().path().to_path_buf();
     let Resolved { mut settings, file } = config::resolve(args)?;
@@ -60,7 +56,14 @@ fn run(
 }
 
 /// Does `order` by `job`, and says what came of it.
-pub fn carry_out(order: Order, console: &Console, job: Job) -> std::result::Result<(), Failure> {
+///
+/// # Errors
+/// Those of the job; `Invalid` where it would replace an input.
+pub fn carry_out(
+    order: Order,
+    console: &Console,
+    job: impl Fn(&Path, &Path, &Settings, &dyn Progress) -> Result<Report> + Sync,
+) -> std::result::Result<(), Failure> {
     let start = Instant::now();
     let Order { scene, folder, settings, file, merges } = order;
     let inputs: Vec<&Path> =
@@ -74,7 +77,7 @@ pub fn carry_out(order: Order, console: &Console, job: Job) -> std::result::Resu
     let report = workers(&settings)?.install(|| job(&scene, &folder, &settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
-    let Tally { found, made } = report.tally;
+    let (found, made) = report.reused.values().fold((0, 0), |(f, m), tally| (f + tally.reused, m + tally.anew));
     let mut summary = report.summary();
     if settings.shard.is_some() {
         let place = settings.cache.as_deref().unwrap_or(&folder);

@@ -6,7 +6,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::args::{BakeArgs, FormFactorArgs, InspectArgs, RenderArgs, SceneArgs, UnwrapArgs};
+use super::args::{BakeArgs, FormFactorArgs, InspectArgs, MixArgs, RelightArgs, RenderArgs, SceneArgs, UnwrapArgs};
 use super::failure::Failure;
 use lumel::settings::Settings;
 use lumel::write::engines::Engine;
@@ -19,10 +19,13 @@ use toml::{Table, Value};
 const FILE_NAME: &str = "lumel.toml";
 
 /// Keys that hold paths; relative ones are relative to the file in which they stand.
-const PATH_KEYS: [&str; 5] = ["environment", "dump-stages", "watch", "confine", "cache"];
+pub const PATH_KEYS: [&str; 5] = ["environment", "dump-stages", "watch", "confine", "cache"];
 
 /// The same in arrays of tables.
-const TABLE_PATH_KEYS: [(&str, &str); 2] = [("projectors", "picture"), ("medium", "grid")];
+pub const TABLE_PATH_KEYS: [(&str, &str); 2] = [("projectors", "picture"), ("medium", "grid")];
+
+/// Arrays of tables of which each says something on its own.
+const EDIT_KEYS: [&str; 5] = ["objects", "materials", "lamps", "projectors", "medium"];
 
 /// Largest settings file [bytes].
 const MOST_BYTES: u64 = 1 << 20;
@@ -183,6 +186,21 @@ impl Typed for RenderArgs {
     }
 }
 
+impl RelightArgs {
+    /// What was typed, with the keys of `lumel.toml`.
+    pub fn table(&self) -> Result<Table> {
+        let groups = [table(&self.light)?, table(&self.results)?, table(&self.running)?, table(&self.cache)?];
+        Ok(groups.into_iter().flatten().collect())
+    }
+}
+
+impl MixArgs {
+    /// What was typed, with the keys of `lumel.toml`.
+    pub fn table(&self) -> Result<Table> {
+        Ok([table(&self.running)?, table(&self.cache)?].into_iter().flatten().collect())
+    }
+}
+
 /// An options group as a table; absent options are absent keys.
 fn table(group: &impl Serialize) -> Result<Table> {
     Table::try_from(group).map_err(|e| Error::invalid("command line", e))
@@ -227,6 +245,36 @@ pub fn beside_plan(args: &BakeArgs) -> std::result::Result<Settings, Failure> {
     }
     let own = Value::Table(typed).try_into::<Settings>();
     own.map_err(|e| Failure::Usage(Error::invalid("settings", e.message())))
+}
+
+/// The settings `baked` of an earlier bake with a config file and what was typed over them. Tables of edits (`[[lamps]]` and so on) of
+/// the file come after those of the bake.
+///
+/// # Errors
+/// As [`resolve`].
+pub fn resolve_over(baked: Table, file: Option<&Path>, typed: Table) -> std::result::Result<Resolved, Failure> {
+    let config = file.map_or_else(|| Ok(Table::new()), read).map_err(Failure::Usage)?;
+    let settings = settle(laid_over(baked, config), typed).map_err(Failure::Usage)?;
+    Ok(Resolved { settings, file: file.map(Path::to_path_buf) })
+}
+
+/// `upper` laid over `lower`; arrays of tables are joined.
+fn laid_over(mut lower: Table, mut upper: Table) -> Table {
+    replace(&mut lower, &upper);
+    for key in EDIT_KEYS {
+        if let (Some(Value::Array(below)), Some(Value::Array(above))) = (lower.get(key), upper.get_mut(key)) {
+            above.splice(0..0, below.iter().cloned());
+        }
+    }
+    lower.extend(upper);
+    lower
+}
+
+/// Takes out what `upper` takes the place of.
+fn replace(lower: &mut Table, upper: &Table) {
+    for (_, others) in REPLACES.iter().filter(|(key, _)| upper.contains_key(*key)) {
+        others.iter().for_each(|other| drop(lower.remove(*other)));
+    }
 }
 
 /// Refuses a config file that lies outside of `folder`, or names paths there: it may have come with the scene, and says
@@ -349,22 +397,23 @@ fn key_of(line: &str) -> Option<&str> {
 
 /// Lays `typed` over `lower` and reads the result.
 fn settle(mut lower: Table, typed: Table) -> Result<Settings> {
-    for (key, others) in REPLACES {
-        if typed.contains_key(key) {
-            for other in others {
-                lower.remove(*other);
-            }
-        }
-    }
+    replace(&mut lower, &typed);
     lower.extend(typed);
     choose_for_engine(&mut lower)?;
-    let settings: Settings =
-        Value::Table(lower).try_into().map_err(|e: toml::de::Error| Error::invalid("settings", e.message()))?;
+    let settings = settings(lower)?;
     settings.check().map_err(|e| match e {
         Error::Invalid { place, message } => Error::invalid(format!("--{place}"), message),
         e => e,
     })?;
     Ok(settings)
+}
+
+/// A table as settings, whatever their range.
+///
+/// # Errors
+/// `Invalid` where it is none.
+pub fn settings(table: Table) -> Result<Settings> {
+    Value::Table(table).try_into().map_err(|e: toml::de::Error| Error::invalid("settings", e.message()))
 }
 
 /// Fills in what the engine of `for` wants, where nothing else is said.

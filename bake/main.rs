@@ -10,6 +10,7 @@ mod compare;
 mod config;
 mod console;
 mod destination;
+mod earlier;
 mod failure;
 mod form_factors;
 mod inspect;
@@ -17,6 +18,7 @@ mod interrupt;
 mod log;
 mod plan;
 mod print;
+mod relight;
 mod render;
 
 use args::{Args, Command};
@@ -33,6 +35,8 @@ fn main() -> ExitCode {
             Command::Bake(a) => bake::bake(a, &console),
             Command::Plan(a) => plan::plan(a, &console),
             Command::Merge(a) => plan::merge(a, &console),
+            Command::Relight(a) => relight::relight(a, &console),
+            Command::Mix(a) => relight::mix(a, &console),
             Command::Unwrap(a) => bake::unwrap(a, &console),
             Command::Inspect(a) => inspect::inspect(a, &console),
             Command::FormFactors(a) => form_factors::form_factors(a, &console),

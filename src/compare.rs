@@ -13,7 +13,10 @@
 
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
-use exr::prelude::{ReadChannels, ReadLayers};
+use crate::post::Channels;
+use crate::write::exr::channel_names;
+use exr::prelude::attribute::AttributeValue;
+use exr::prelude::{FlatImage, ReadChannels, ReadLayers};
 use serde::Serialize;
 use std::path::Path;
 
@@ -157,17 +160,22 @@ pub fn write_png(picture: &image::RgbImage, path: &Path) -> Result<()> {
     })
 }
 
+/// All channels of a file.
+fn read_image(path: &Path) -> Result<FlatImage> {
+    let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+    let builder = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().all_layers();
+    builder.all_attributes().from_buffered(std::io::BufReader::new(file)).map_err(|e| match e {
+        exr::error::Error::Io(e) => Error::io(path, e),
+        e => Error::invalid(path.display(), e),
+    })
+}
+
 /// Reads a page: the R, G, B and, where there is one, A channel of the first layer that has the colours, half or float.
 ///
 /// # Errors
 /// `Io` where the file can't be read, `Invalid` where it is no EXR or holds no colours.
 pub fn read_page(path: &Path) -> Result<Page> {
-    let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
-    let builder = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().all_layers();
-    let image = builder.all_attributes().from_buffered(std::io::BufReader::new(file)).map_err(|e| match e {
-        exr::error::Error::Io(e) => Error::io(path, e),
-        e => Error::invalid(path.display(), e),
-    })?;
+    let image = read_image(path)?;
     // Channels of a layer that lives in its names: `R`, or `direct.R`. The plain ones come first.
     let mut found = None;
     for layer in &image.layer_data {
@@ -203,6 +211,48 @@ pub fn read_page(path: &Path) -> Result<Page> {
         rgb: rgb.map(|((r, g), b)| Rgb::new(r, g, b)).collect(),
         coverage: alpha.map_or_else(|| vec![1.0; count], |a| a.sample_data.values_as_f32().collect()),
     })
+}
+
+/// A layer of a page as it was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadLayer {
+    pub name: String,
+    pub channels: Channels,
+    /// As [`crate::post::Layer::unit`].
+    pub unit: &'static str,
+    /// As [`Page::rgb`].
+    pub values: Vec<Rgb>,
+}
+
+/// Reads a page with the layers that its header tells of.
+///
+/// # Errors
+/// As [`read_page`]; `Invalid` where the header tells of layers that aren't there.
+pub fn read_layers(path: &Path) -> Result<(Page, Vec<ReadLayer>)> {
+    let page = read_page(path)?;
+    let image = read_image(path)?;
+    let Some(layer) = image.layer_data.first() else { return Ok((page, Vec::new())) };
+    let told = layer.attributes.other.iter().find(|(name, _)| *name == "lumel:layers");
+    let Some((_, AttributeValue::Text(told))) = told else { return Ok((page, Vec::new())) };
+    let wrong = || Error::invalid(path.display(), "its header tells of layers that it doesn't hold; bake anew");
+    let told: serde_json::Value = serde_json::from_str(&told.to_string()).map_err(|_| wrong())?;
+    let count = page.rgb.len();
+    let values = |name: &str| {
+        let channel = layer.channel_data.list.iter().find(|c| c.name.to_string() == name)?;
+        (channel.sample_data.len() == count).then(|| channel.sample_data.values_as_f32().collect::<Vec<f32>>())
+    };
+    let read = |told: &serde_json::Value| {
+        let name = told["name"].as_str()?;
+        let names: Vec<&str> = told["channels"].as_array()?.iter().map(|c| c.as_str()).collect::<Option<_>>()?;
+        let is = |channels: &Channels| channel_names(name, *channels) == names;
+        let channels = [Channels::Rgb, Channels::Y, Channels::Xyz].into_iter().find(is)?;
+        let unit = ["nit", "lx", "lm/m^2", "1"].into_iter().find(|unit| told["unit"].as_str() == Some(unit))?;
+        let each: Vec<Vec<f32>> = names.iter().map(|name| values(name)).collect::<Option<_>>()?;
+        let value = |i: usize| Rgb::from_array(std::array::from_fn(|k| each[k.min(each.len() - 1)][i]));
+        Some(ReadLayer { name: name.to_owned(), channels, unit, values: (0..count).map(value).collect() })
+    };
+    let layers = told.as_array().into_iter().flatten().map(read).collect::<Option<_>>().ok_or_else(wrong)?;
+    Ok((page, layers))
 }
 
 fn same_size(a: &Page, b: &Page, place: &str) -> Result<()> {

@@ -41,12 +41,13 @@ use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
 use crate::work::Work;
 use crate::write::{dump::Dump, watch::WatchFolder};
-use kept::{Lamps, Sight};
+use caustics::Brought;
+use kept::{Lamps, Look, Sight};
 use std::sync::Arc;
 
 /// How many times the error that was asked for may be estimated where what blocks see was found in other light, before they look
 /// anew.
-const ROUGHER: f64 = 1.2;
+pub(crate) const ROUGHER: f64 = 1.2;
 
 /// A scene with its light, and all that led to it.
 pub struct Illuminated {
@@ -141,7 +142,7 @@ pub fn illuminate_with(
     let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
     let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
     let sources =
-        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics };
+        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics.shown };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
     if settings.directional != Directional::Off {
@@ -153,7 +154,8 @@ pub fn illuminate_with(
         let seen = lightmap.irradiance(patches);
         lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
-    let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
+    let bake =
+        energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out, taken: &caustics.taken };
     let energy = match needs_walks(scene, settings) {
         true => EnergyBalance::default(),
         false => balance(&bake, &lightmap, !settings.float),
@@ -191,8 +193,23 @@ pub fn share(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, pro
     let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
     let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work, progress }, progress)?;
     caustics::add(&lit, &parts, &mut apart, settings, progress)?;
-    kept::see(&lit, &apart.whole, &settings.block_params(), false, work, progress)?;
+    kept::see(&lit, &apart.whole, &settings.block_params(), Look::Once, work, progress)?;
     Ok(())
+}
+
+/// The texels of a scene, and what of them lies in the open: all that pages of known light are read by.
+///
+/// # Errors
+/// As [`illuminate_with`].
+pub fn texels(
+    scene: &Scene,
+    atlas: &Atlas,
+    settings: &Settings,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<(Patches, Exposure)> {
+    let Stage { patches, exposure, .. } = Stage::new(scene, atlas, settings, work, progress)?;
+    Ok((patches, exposure))
 }
 
 /// What light falls on.
@@ -254,8 +271,8 @@ struct Found {
     groups: Vec<Group>,
     /// What arrives and is not to be shown [lx].
     left_out: Option<Vec<Rgb>>,
-    /// What came over mirrors and glass as if straight from lights, of what is shown [lx]; empty where it wasn't asked for.
-    caustics: Vec<Rgb>,
+    /// What came over mirrors and glass as if straight from lights.
+    caustics: Brought,
 }
 
 /// The light of all texels, by the method that is asked for.
@@ -315,12 +332,13 @@ fn by_blocks(
     let wanted = Wanted { sources: &sources, bounces: settings.bounce_layers() };
     let params = settings.block_params();
     let params = BlockParams { layers: params.layers || leaves_out_sky(parts), ..params };
-    let Sight { seen, is_fresh } = kept::see(lit, &direct, &params, false, work, progress)?;
+    let how = if settings.relight.is_some() { Look::Never } else { Look::Once };
+    let Sight { seen, is_fresh } = kept::see(lit, &direct, &params, how, work, progress)?;
     let mut found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
     // What was looked at in other light may be seen too coarsely in this one.
     let is_rough = |exchanged: &Exchanged| exchanged.noise.hypot(exchanged.bias) > ROUGHER * params.error;
-    if !is_fresh && !settings.relight && is_rough(&found.2) {
-        let Sight { seen, .. } = kept::see(lit, &direct, &params, true, work, progress)?;
+    if !is_fresh && how == Look::Once && is_rough(&found.2) {
+        let Sight { seen, .. } = kept::see(lit, &direct, &params, Look::Anew, work, progress)?;
         found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
     }
     let (mut gathered, backs, exchanged) = found;
@@ -464,7 +482,7 @@ fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progres
     };
     let (elements, solution) = (Elements::default(), Solution::default());
     let backs = Backs::default();
-    let (groups, caustics) = (Vec::new(), Vec::new());
+    let (groups, caustics) = (Vec::new(), Brought::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }
 
@@ -523,6 +541,6 @@ fn paths(
         ..Solution::default()
     };
     let backs = Backs::of_elements(&elements, &solution);
-    let (groups, caustics) = (Vec::new(), Vec::new());
+    let (groups, caustics) = (Vec::new(), Brought::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }

@@ -1,19 +1,26 @@
 //! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
-use crate::adaptive::{AdaptiveReport, adapt, densities};
+mod mix;
+
+pub use mix::{Weight, mix};
+
+use crate::adaptive::{self, AdaptiveReport, adapt, densities};
 use crate::added_light;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::kept::add_base;
-use crate::illuminate::{Illuminated, illuminate_with, needs_walks, share};
+use crate::illuminate::kept::{State, add_base, has_links};
+use crate::illuminate::{Illuminated, ROUGHER, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
 use crate::load::{self, Loaded};
 use crate::meshing::{self, MeshMode, VertexLight, VertexReport, vertex_light};
+use crate::patch::Patches;
 use crate::patch::reflectance::{MOST_ALBEDO, too_white};
-use crate::post::LayerKind;
+use crate::patch::unocclude::Exposure;
+use crate::post::{LayerKind, Lightmap};
+use crate::probe::LightProbes;
 use crate::progress::Progress;
 use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse_other_bake};
 use crate::scatter;
@@ -23,7 +30,7 @@ use crate::store::{FolderLock, Key, Store};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
-use crate::work::Work;
+use crate::work::{Stored, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
 
@@ -31,6 +38,9 @@ pub use crate::report::Report;
 
 /// The share of the light that may be missing or too much before a bake is called into question.
 const MOST_IMBALANCE: f64 = 0.02;
+
+/// The share of the light that may be lost on mirrors and glass before it is said.
+const MOST_LOST: f64 = 0.002;
 
 /// Samples a texel below which the energy balance is too noisy to call a bake into question.
 const LEAST_SAMPLES: u32 = 64;
@@ -48,25 +58,28 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     if let Some(folder) = &settings.watch {
         watch::clear(folder)?;
     }
-    let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
+    let store = open_store(settings)?;
+    let atlas = lay_out(&loaded, settings, settings.relight.is_some(), &store, &clock, &mut report)?;
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
     if settings.caustics {
         scatter::adapt_for_caustics(&mut loaded.scene);
     }
-    let store = open_store(settings)?;
-    let work = work(&store, &loaded.scene, &atlas, settings);
+    let work = work(&store, scene, &loaded.scene, &atlas, settings)?;
+    let settings = &relit(settings, &work, &loaded)?;
+    report.relit = settings.relight.as_ref().map(|relight| relight.baked.clone());
     if settings.shard.is_some() {
         share(&loaded.scene, &atlas, settings, &work, &clock)?;
         report.warnings.extend(store.take_warnings());
-        report.tally = work.tally();
+        report.reused = work.tally();
         report.stages = clock.stages();
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
+    remember_state(&store, scene, &loaded.scene, &atlas)?;
     report.warnings.extend(store.take_warnings());
-    report.tally = work.tally();
+    report.reused = work.tally();
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
     let of_light = lit.direct.rays + lit.solution.rays + lit.gathered.rays;
@@ -102,7 +115,8 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     warn_of_doubts(&mut report, settings);
     warn_of_idle_settings(&loaded.scene, &mut report, settings);
     report.describe_probes(&lit.probes);
-    finish(&loaded, &atlas, Some(&lit), folder, settings, &clock, report)
+    let Illuminated { patches, exposure, lightmap, probes, .. } = &lit;
+    finish(&loaded, &atlas, Some(Shown { patches, exposure, lightmap, probes }), folder, settings, &clock, report)
 }
 
 /// The store in the folder that the settings name.
@@ -111,12 +125,64 @@ fn open_store(settings: &Settings) -> Result<Store> {
 }
 
 /// The work on a scene with lightmap UVs, as far as it is remembered.
-fn work<'a>(store: &'a Store, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Work<'a> {
+fn work<'a>(store: &'a Store, file: &Path, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<Work<'a>> {
     if store.is_none() {
-        return Work::unstored();
+        return Ok(Work::unstored());
     }
     let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
-    Work::new(store, base, settings.shard, settings.checkpoint())
+    let work = Work::new(store, base, settings.shard, settings.checkpoint());
+    if settings.shard.is_some() {
+        // What one process has seen before, another may not.
+        return Ok(work);
+    }
+    let now = State::new(scene, atlas, base);
+    let before = store.read(STATE, state_key(file))?.as_ref().and_then(State::restore);
+    let work = match before.and_then(|before| now.since(&before)) {
+        Some((base, change)) => work.after(base, change),
+        None => work,
+    };
+    Ok(work)
+}
+
+/// Notes what the bake of `file` was of, for the next one.
+fn remember_state(store: &Store, file: &Path, scene: &Scene, atlas: &Atlas) -> Result<()> {
+    if store.is_none() {
+        return Ok(());
+    }
+    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
+    let state = State::new(scene, atlas, base);
+    let sections = state.sections();
+    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
+    if let Err(error) = store.write(STATE, state_key(file), &sections) {
+        store.warn("cache", error);
+    }
+    Ok(())
+}
+
+/// The key under which the state of the last bake of `file` stands.
+fn state_key(file: &Path) -> Key {
+    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    Key::of("state", |hasher| hasher.add_str(&file.to_string_lossy()))
+}
+
+/// The kind of entries by which bakes of one file know what the last one was of.
+const STATE: &str = "state";
+
+/// The settings with which other light is found, or a bake made where nothing is remembered and that is asked for.
+fn relit(settings: &Settings, work: &Work, loaded: &Loaded) -> Result<Settings> {
+    let is_unfit = settings.relight.is_some() && !has_links(work, settings);
+    match settings.relight.as_ref().filter(|_| is_unfit) {
+        None => Ok(settings.clone()),
+        Some(relight) if relight.or_bake => Ok(Settings { relight: None, ..settings.clone() }),
+        Some(relight) => {
+            let cache = settings.cache.as_deref().unwrap_or(Path::new("")).display();
+            let message = format!(
+                "nothing that is remembered in {cache} fits these surfaces and texels at this --error, --seed and --normals; {}",
+                relight.advice
+            );
+            Err(Error::invalid(loaded.path().display(), message))
+        }
+    }
 }
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
@@ -129,7 +195,7 @@ pub(crate) fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()
     let message = match (scene.has_light(), is_live, settings.layers.is_empty()) {
         (true, ..) | (false, true, false) => return Ok(()),
         (false, true, true) => "every light is dynamic, so that nothing would be baked; bake some, or ask for --layers",
-        (false, false, _) => "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun",
+        (false, false, _) => added_light::NO_LIGHT,
     };
     Err(Error::invalid(loaded.path().display(), message))
 }
@@ -212,10 +278,21 @@ fn warn_of_idle_settings(scene: &Scene, report: &mut Report, settings: &Settings
 
 /// Says where a bake should not be trusted as it is.
 fn warn_of_doubts(report: &mut Report, settings: &Settings) {
+    let is_rough = |error: &&ErrorReport| settings.relight.is_some() && error.estimated > ROUGHER * error.aimed;
+    if let Some(ErrorReport { aimed, estimated, .. }) = report.error.as_ref().filter(is_rough) {
+        let message = "what blocks saw in the light of the bake tells less of this one than was asked for; a bake with these lights \
+                       looks closer";
+        report.warnings.add(format!("estimated error {estimated:.2} % ({aimed} % was asked for)"), message);
+    }
     let is_free = settings.max_bounces.is_none() && settings.iterations.is_none();
     if let Some(residual) = report.solver.as_ref().map(|s| s.residual).filter(|r| is_free && *r > RESIDUAL) {
         let message = "the solver stopped before it converged; albedos this high keep light for very long";
         report.warnings.add(format!("residual {:.2} %", 100.0 * residual), message);
+    }
+    if report.energy.lost_share() > MOST_LOST {
+        let message = "ends on mirrors and glass: beside --caustics those that are double-sided mirrors, and all under a sky, are black to what \
+                       comes to them off other surfaces; --method photon or path sends it on";
+        report.warnings.add(format!("up to {:.1} % of the light", 100.0 * report.energy.lost_share()), message);
     }
     // Where light escapes is seen by the same samples: few of them say little.
     let is_sampled = settings.samples.is_none_or(|n| n >= LEAST_SAMPLES);
@@ -232,7 +309,7 @@ fn warn_of_doubts(report: &mut Report, settings: &Settings) {
 pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
     let (mut report, loaded, _lock) = open(scene, folder, settings, &clock)?;
-    let atlas = lay_out(&loaded, settings, &clock, &mut report)?;
+    let atlas = lay_out(&loaded, settings, false, &Store::none(), &clock, &mut report)?;
     finish(&loaded, &atlas, None, folder, settings, &clock, report)
 }
 
@@ -334,8 +411,27 @@ fn open(
     Ok((Report { version, inputs, settings: settings.clone(), warnings, ..Report::default() }, loaded, lock))
 }
 
-fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Report) -> Result<Atlas> {
-    let (importance, adaptive) = adapt(&loaded.scene, settings, &mut report.warnings, clock)?.unzip();
+/// Makes lightmap UVs. Where texels go where light varies, that is where it does in this light, or, with `as_before`, where the last bake
+/// of these texels found that it does, as far as the store knows.
+fn lay_out(
+    loaded: &Loaded,
+    settings: &Settings,
+    as_before: bool,
+    store: &Store,
+    clock: &Clock,
+    report: &mut Report,
+) -> Result<Atlas> {
+    let scene = &loaded.scene;
+    let is_adaptive = settings.adaptive_density.is_some_and(|strength| strength > 0.0);
+    let before = if is_adaptive && as_before { adaptive::kept::recall(scene, settings, store)? } else { None };
+    let adapted = match before {
+        Some(before) => Some(before),
+        None => adapt(scene, settings, &mut report.warnings, clock)?,
+    };
+    if let Some(adapted) = adapted.as_ref().filter(|_| !as_before) {
+        adaptive::kept::keep(scene, settings, adapted, store)?;
+    }
+    let (importance, adaptive) = adapted.unzip();
     let params = UnwrapParams { importance, ..settings.unwrap_params() };
     let unwrap::Unwrapping { atlas, authored, warnings } = unwrap::unwrap_judged(&loaded.scene, &params, clock)?;
     report.warnings.extend(warnings);
@@ -346,11 +442,20 @@ fn lay_out(loaded: &Loaded, settings: &Settings, clock: &Clock, report: &mut Rep
     Ok(atlas)
 }
 
+/// What files show of the light.
+#[derive(Clone, Copy)]
+struct Shown<'a> {
+    patches: &'a Patches,
+    exposure: &'a Exposure,
+    lightmap: &'a Lightmap,
+    probes: &'a LightProbes,
+}
+
 /// The light at vertices, where a file holds it.
 fn light_vertices(
     loaded: &Loaded,
     atlas: &Atlas,
-    lit: &Illuminated,
+    lit: Shown,
     settings: &Settings,
     clock: &Clock,
 ) -> Result<Option<(VertexLight, VertexReport)>> {
@@ -358,7 +463,7 @@ fn light_vertices(
     if !is_usd && !settings.gltf_profiles().contains(&GltfProfile::Vertex) {
         return Ok(None);
     }
-    let patches = &lit.patches;
+    let patches = lit.patches;
     let is_buried = |page: usize, texel: usize| patches.at(page, texel).is_some_and(|i| lit.exposure.is_buried(i));
     let shown = |i: &usize| !lit.exposure.is_buried(*i);
     let (light, area) = (0..patches.len()).filter(shown).fold((0.0, 0.0), |(light, area), i| {
@@ -369,7 +474,7 @@ fn light_vertices(
         (light + a * f64::from(value), area + a)
     });
     let mean = if area > 0.0 { (light / area) as f32 } else { 0.0 };
-    let source = meshing::Source { scene: &loaded.scene, atlas, lightmap: &lit.lightmap, is_buried: &is_buried, mean };
+    let source = meshing::Source { scene: &loaded.scene, atlas, lightmap: lit.lightmap, is_buried: &is_buried, mean };
     vertex_light(&source, &settings.mesh_params(), clock).map(Some)
 }
 
@@ -377,13 +482,13 @@ fn light_vertices(
 fn finish(
     loaded: &Loaded,
     atlas: &Atlas,
-    lit: Option<&Illuminated>,
+    lit: Option<Shown>,
     folder: &Path,
     settings: &Settings,
     clock: &Clock,
     mut report: Report,
 ) -> Result<Report> {
-    let lightmap = lit.map(|lit| &lit.lightmap);
+    let lightmap = lit.map(|lit| lit.lightmap);
     let vertices = lit.map(|lit| light_vertices(loaded, atlas, lit, settings, clock)).transpose()?.flatten();
     let vertices = vertices.map(|(vertices, of_vertices)| {
         if let Some(most) = settings.max_triangles.filter(|most| *most < of_vertices.given_triangles) {
@@ -414,7 +519,7 @@ fn finish(
     report.describe(&baked);
     let mut staging = folder::write(&baked, settings, clock, &mut report.warnings)?;
     if let Some(lit) = lit {
-        folder::write_probes(&lit.probes, &mut staging)?;
+        folder::write_probes(lit.probes, &mut staging)?;
     }
     report.files = folder::retire(&baked, &report.inputs, &mut staging);
     report.stages = clock.stages();

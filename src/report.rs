@@ -19,6 +19,7 @@ use crate::write::{Baked, probes::FILES as PROBE_FILES};
 use cpu_time::ProcessTime;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -54,13 +55,22 @@ pub struct Report {
     pub buried_texels: usize,
     pub triangles: usize,
     pub stages: Vec<StageTime>,
-    /// Rays and visibility segments that were traced.
+    /// Rays and visibility segments that the light took, those of what is `reused` among them.
     pub rays: u64,
     /// Absent where paths were traced.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solver: Option<SolverReport>,
     /// Noise of the gathered light over all texels, root mean square over mean irradiance.
     pub noise: f64,
+    /// What was remembered by earlier bakes, and what was found anew, by kind; absent without a cache.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub reused: BTreeMap<String, Tally>,
+    /// The settings of the bake that this is other light for; absent where this is a bake.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relit: Option<Box<Settings>>,
+    /// What light groups were multiplied by; absent unless pages were mixed of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mixed: Option<Vec<MixReport>>,
     /// What error is estimated to be left; absent where blocks did not gather.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
@@ -84,9 +94,6 @@ pub struct Report {
     /// write itself.
     pub files: Vec<String>,
     pub warnings: Warnings,
-    /// How much of the work had been done before; the file is of the result, and leaves it out.
-    #[serde(skip)]
-    pub tally: Tally,
 }
 
 /// The error of a bake as it is estimated: root mean square over the mean light, against the texels' area averages, without the
@@ -118,6 +125,14 @@ pub struct Input {
     pub path: PathBuf,
     /// Absent for a file inside an archive.
     pub sha256: Option<String>,
+}
+
+/// What the light of a group was multiplied by.
+#[derive(Clone, Debug, Serialize)]
+pub struct MixReport {
+    pub group: String,
+    /// By channel.
+    pub weight: [f32; 3],
 }
 
 /// A surface and its place.
@@ -216,6 +231,11 @@ pub struct SolverReport {
 }
 
 impl Report {
+    /// Whether the light may have been found by one pass of a method that follows rays.
+    fn may_be_one_pass(&self) -> bool {
+        self.solver.is_none() && (self.settings.samples == Some(1) || self.settings.time_budget.is_some())
+    }
+
     /// The result in a few lines for people.
     pub fn summary(&self) -> Vec<String> {
         let pages: Vec<String> = self.pages.iter().map(|p| format!("{} x {}", p.width, p.height)).collect();
@@ -229,6 +249,7 @@ impl Report {
         }
         if is_lit {
             let how = match &self.solver {
+                None if self.mixed.is_some() => "mixed of light groups".to_string(),
                 None => format!("traced by the method {}", self.settings.method.name()),
                 Some(SolverReport { name, elements, iterations, .. }) if self.settings.iterations.is_some() => {
                     format!("{name} over {elements} elements, {iterations} iterations as asked")
@@ -242,12 +263,21 @@ impl Report {
             let noise = match (&self.error, self.settings.gather()) {
                 (Some(error), _) => format!("estimated error {:.2} %", error.estimated),
                 (None, Gather::None) => "noise not measured".to_string(),
+                // One pass tells none.
+                _ if self.noise == 0.0 && self.may_be_one_pass() => "noise unknown".to_string(),
                 _ => format!("noise {noise:.2} %"),
             };
-            lines.push(match self.energy.is_empty() {
-                true => noise,
-                false => format!("{noise}, energy balance {balance:+.3} %"),
-            });
+            match (self.energy.is_empty(), self.mixed.is_some()) {
+                (_, true) => {}
+                (true, false) => lines.push(noise),
+                (false, false) => lines.push(format!("{noise}, energy balance {balance:+.3} %")),
+            }
+            let reused = self.reused.iter().filter(|(_, tally)| tally.reused > 0);
+            let reused: Vec<String> =
+                reused.map(|(kind, Tally { reused, anew })| format!("{kind} {reused} of {}", reused + anew)).collect();
+            if !reused.is_empty() {
+                lines.push(format!("from the cache: {}", reused.join(", ")));
+            }
             let bright = self.pages.iter().filter(|p| p.samples == Some("float") && !self.settings.float).count();
             if bright > 0 {
                 lines.push(format!("{bright} page(s) hold more than half floats do (65504): written as 32-bit floats"));
@@ -375,6 +405,13 @@ impl Progress for Clock<'_> {
     fn elapsed(&self) -> std::time::Duration {
         self.start.elapsed()
     }
+    fn ends_at(&self, end: std::time::Duration) {
+        // The listener's own clock may have begun before this one.
+        self.progress.ends_at(end + self.progress.elapsed().saturating_sub(self.elapsed()));
+    }
+    fn keeps(&self, what: &str) {
+        self.progress.keeps(what);
+    }
 }
 
 /// Refuses to write over the bake of another scene.
@@ -404,4 +441,14 @@ pub fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+/// The memory that this process may have at most: the machine's, or that of its control group (version 2 or 1) [bytes].
+pub fn machine_memory() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
+    let machine = line.split_whitespace().nth(1)?.parse::<u64>().ok()?.saturating_mul(1024);
+    let limits = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+    let read = |file: &&str| std::fs::read_to_string(file).ok()?.trim().parse::<u64>().ok();
+    Some(limits.iter().filter_map(read).fold(machine, u64::min))
 }

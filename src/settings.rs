@@ -203,9 +203,20 @@ pub struct Settings {
     /// This process does a bake together with others, which share its cache.
     #[serde(skip_serializing)]
     pub shard: Option<Shard>,
-    /// The light is found by what blocks saw in other light, however rough that is.
-    #[serde(skip_serializing)]
-    pub relight: bool,
+    /// The light is found by what blocks saw in the light of an earlier bake, however rough that is; none: it is a bake of its own.
+    #[serde(skip)]
+    pub relight: Option<Relight>,
+}
+
+/// Other light for an earlier bake.
+#[derive(Clone, Debug, Default)]
+pub struct Relight {
+    /// The settings of that bake, for the report.
+    pub baked: Box<Settings>,
+    /// What to do where nothing that fits is remembered.
+    pub advice: String,
+    /// Bakes where what blocks saw isn't remembered, or is of something else.
+    pub or_bake: bool,
 }
 
 /// After how much work parts of it are put into the cache [s].

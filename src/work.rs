@@ -8,9 +8,12 @@
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::store::{Entry, Hasher, Key, Store};
-use serde::Deserialize;
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long one waits for what others are doing before looking again.
@@ -49,6 +52,15 @@ impl TryFrom<String> for Shard {
     }
 }
 
+/// What is otherwise than in a bake before, of surfaces that are the same ones.
+#[derive(Clone, Debug, Default)]
+pub struct Change {
+    /// Which surfaces have changed or moved.
+    pub surfaces: Vec<bool>,
+    /// The boxes around each of them, before and now: lowest and highest corners [m].
+    pub boxes: Vec<[Vec3; 2]>,
+}
+
 /// A result that can be stored.
 pub trait Stored: Sized {
     /// Its content.
@@ -70,6 +82,15 @@ pub trait Job {
     fn read(&mut self, part: usize, bytes: &[u8]) -> Option<()>;
 }
 
+/// Results of one kind that were wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Tally {
+    /// Found in the store, and good enough.
+    pub reused: u64,
+    /// Found anew.
+    pub anew: u64,
+}
+
 /// Where results are found and put, and which of the work is whose.
 pub struct Work<'a> {
     store: Option<&'a Store>,
@@ -81,17 +102,18 @@ pub struct Work<'a> {
     since: Instant,
     /// There was no room.
     is_full: AtomicBool,
-    found: AtomicUsize,
-    made: AtomicUsize,
+    /// What the results of the bake before depended on, and what has changed since.
+    before: Option<(Key, Change)>,
+    /// By kind: how many results were asked for, and made.
+    counts: Mutex<BTreeMap<String, [u64; 2]>>,
 }
 
-/// How much of the work had been done before, and how much was not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// Results and parts of them that were found.
-    pub found: usize,
-    /// Those that had to be made.
-    pub made: usize,
+/// The key of a result of `kind` that depends on `base` and on what `add` adds.
+fn key(kind: &str, base: Key, add: impl FnOnce(&mut Hasher)) -> Key {
+    Key::of(kind, |hasher| {
+        hasher.add_key(base);
+        add(hasher);
+    })
 }
 
 impl<'a> Work<'a> {
@@ -106,13 +128,31 @@ impl<'a> Work<'a> {
     }
 
     fn within(store: Option<&'a Store>, base: Key, shard: Option<Shard>, apart: Duration) -> Self {
-        let (found, made) = Default::default();
-        Self { store, base, shard, apart, since: Instant::now(), is_full: AtomicBool::new(false), found, made }
+        let (since, is_full) = (Instant::now(), AtomicBool::new(false));
+        Self { store, base, shard, apart, since, is_full, before: None, counts: Mutex::default() }
     }
 
-    /// How much was found and made so far.
-    pub fn tally(&self) -> Tally {
-        Tally { found: self.found.load(Ordering::Relaxed), made: self.made.load(Ordering::Relaxed) }
+    /// The same, which can start from results that depended on `base`, where no more than `change` has changed since.
+    pub fn after(self, base: Key, change: Change) -> Self {
+        Self { before: Some((base, change)), ..self }
+    }
+
+    /// Results that were wanted so far, by kind; none without a store.
+    pub fn tally(&self) -> BTreeMap<String, Tally> {
+        let counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let tally = |&[asked, made]: &[u64; 2]| Tally { reused: asked.saturating_sub(made), anew: made };
+        counts.iter().map(|(kind, counts)| (kind.clone(), tally(counts))).collect()
+    }
+
+    fn count(&self, kind: &str, asked: u64, made: u64) {
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let counts = counts.entry(kind.to_string()).or_default();
+        *counts = [counts[0] + asked, counts[1] + made];
+    }
+
+    /// True where there is a result of `kind` that depends on the base and on what `add` adds. It isn't read.
+    pub fn has(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> bool {
+        self.store.is_some_and(|store| store.contains(kind, self.key(kind, add)))
     }
 
     /// Which of the work is this process's; none: all of it.
@@ -121,10 +161,17 @@ impl<'a> Work<'a> {
     }
 
     fn key(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Key {
-        Key::of(kind, |hasher| {
-            hasher.add_key(self.base);
-            add(hasher);
-        })
+        key(kind, self.base, add)
+    }
+
+    /// As [`find`](Self::find), of the bake before, and what has changed since.
+    ///
+    /// # Errors
+    /// `Io` where the store can't be read.
+    pub fn find_before<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<(T, &Change)>> {
+        let (Some(store), Some((base, change))) = (self.store, &self.before) else { return Ok(None) };
+        let entry = store.read(kind, key(kind, *base, add))?;
+        Ok(entry.as_ref().and_then(T::restore).map(|found| (found, change)))
     }
 
     /// The result of `kind` that depends on the base and on what `add` adds, where there is one.
@@ -132,6 +179,13 @@ impl<'a> Work<'a> {
     /// # Errors
     /// `Io` where the store can't be read.
     pub fn find<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<T>> {
+        if self.store.is_some() {
+            self.count(kind, 1, 0);
+        }
+        self.read(kind, add)
+    }
+
+    fn read<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<T>> {
         let Some(store) = self.store else { return Ok(None) };
         Ok(store.read(kind, self.key(kind, add))?.as_ref().and_then(T::restore))
     }
@@ -142,6 +196,7 @@ impl<'a> Work<'a> {
     /// `Io` where others wait for it.
     pub fn keep<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher), result: &T) -> Result<()> {
         let Some(store) = self.store else { return Ok(()) };
+        self.count(kind, 0, 1);
         self.put(store, kind, self.key(kind, add), &result.sections())
     }
 
@@ -156,10 +211,7 @@ impl<'a> Work<'a> {
         make: impl FnOnce() -> Result<T>,
     ) -> Result<T> {
         match self.find(kind, &add)? {
-            Some(found) => {
-                self.found.fetch_add(1, Ordering::Relaxed);
-                Ok(found)
-            }
+            Some(found) => Ok(found),
             None => self.renew(kind, add, make),
         }
     }
@@ -183,12 +235,12 @@ impl<'a> Work<'a> {
                 Some(store) => store.claim(kind, self.key(kind, &add))?,
                 None => None,
             };
-            if let Some(found) = self.find(kind, &add)?.filter(&wanted) {
-                self.found.fetch_add(1, Ordering::Relaxed);
+            if let Some(found) = self.read(kind, &add)?.filter(&wanted) {
+                self.count(kind, 1, 0);
                 return Ok(found);
             }
             if claim.is_some() || self.shard.is_none() || self.store.is_none() {
-                self.made.fetch_add(1, Ordering::Relaxed);
+                self.count(kind, 1, 0);
                 return self.renew(kind, add, make);
             }
             progress.check()?;
@@ -258,7 +310,7 @@ impl<'a> Work<'a> {
                 if let Some(entry) = store.read(kind, key(part))?
                     && job.read(part, entry.section(0)).is_some()
                 {
-                    self.found.fetch_add(1, Ordering::Relaxed);
+                    self.count(kind, 1, 0);
                     continue;
                 }
                 let is_own = !self.shard.is_some_and(|shard| shard.alone) || own.contains(&part);
@@ -269,7 +321,7 @@ impl<'a> Work<'a> {
                     continue;
                 }
                 job.make(part)?;
-                self.made.fetch_add(1, Ordering::Relaxed);
+                self.count(kind, 1, 1);
                 if self.shard.is_some() || self.since.elapsed() >= self.apart {
                     self.put(store, kind, key(part), &[Cow::Owned(job.write(part))])?;
                 }

@@ -134,7 +134,7 @@ fn result(folder: &Path) -> BTreeMap<String, Vec<u8>> {
             return (name, bytes);
         }
         let mut report: Value = serde_json::from_slice(&bytes).unwrap();
-        for key in ["stages", "peak_memory_bytes", "rays", "warnings"] {
+        for key in ["stages", "peak_memory_bytes", "rays", "warnings", "reused"] {
             report.as_object_mut().unwrap().remove(key);
         }
         (name, report.to_string().into_bytes())

@@ -1,5 +1,6 @@
 //! Values of options that are more than a word or a number.
 
+use lumel::pipeline::Weight;
 use lumel::render::CameraChoice;
 use lumel::settings::SkySetting;
 
@@ -36,6 +37,21 @@ pub fn parse_sky(text: &str) -> Result<SkySetting, String> {
     text.parse()
 }
 
+/// `group=weight` or `group=r,g,b`.
+pub fn parse_weight(text: &str) -> Result<Weight, String> {
+    let (group, values) = text.rsplit_once('=').ok_or("expected a group and its weight, as in lamps=0.2")?;
+    let values: Result<Vec<f32>, _> = values.split(',').map(|v| v.trim().parse::<f32>()).collect();
+    let by = match values.as_deref() {
+        Ok(&[v]) => [v; 3],
+        Ok(&[r, g, b]) => [r, g, b],
+        _ => return Err("expected one number or three, as in lamps=0.2 or sun=1,0.9,0.8".to_string()),
+    };
+    if by.iter().any(|v| !(0.0..=1e6).contains(v)) {
+        return Err("a weight must lie within 0 and 1000000".to_string());
+    }
+    Ok(Weight { group: group.trim().to_string(), by: by.into() })
+}
+
 /// `elevation,azimuth,lux`.
 pub fn parse_sun(text: &str) -> Result<[f32; 3], String> {
     let values: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
@@ -48,6 +64,16 @@ pub fn parse_sun(text: &str) -> Result<[f32; 3], String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn weights_are_numbers_or_colours() {
+        let weight = |group: &str, by: [f32; 3]| Ok(Weight { group: group.into(), by: by.into() });
+        assert_eq!(parse_weight("lamps=0.2"), weight("lamps", [0.2; 3]));
+        assert_eq!(parse_weight("sun=1, 0.9,0.8"), weight("sun", [1.0, 0.9, 0.8]));
+        for wrong in ["lamps", "lamps=", "lamps=1,2", "lamps=-1", "lamps=nan"] {
+            assert!(parse_weight(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn sky_takes_one_or_three_numbers() {

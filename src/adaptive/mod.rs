@@ -13,6 +13,7 @@
 
 pub mod allot;
 pub mod detail;
+pub mod kept;
 
 use crate::error::{Result, Warnings};
 use crate::illuminate::illuminate;

@@ -7,12 +7,14 @@
 //! So each lamp's light depends on that of all brighter ones, and processes that share the work can't take different lamps at once: one
 //! finds a lamp's light, the others wait and read it.
 
-use super::direct::{Direct, direct_beside, glimpse_flux};
+use super::direct::{Direct, DirectParams, direct_beside, glimpse_flux};
 use super::kept::{KeptLight, over_strength};
+use super::touched::Kept;
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::progress::Progress;
+use crate::work::Change;
 use glam::DVec3;
 
 /// Lamps whose direct light is found on its own, at most, but for the sky: of more, several are taken together.
@@ -20,6 +22,9 @@ const MOST_UNITS: usize = 24;
 
 /// Light is found anew where the share of other light beside it has fallen below this share of what it was.
 const LESS: f64 = 0.5;
+
+/// Seeds of units lie so far apart.
+const SALT: u32 = 0x9E37_79B9;
 
 /// Remembers the direct light of units of lamps.
 pub trait Memory {
@@ -30,6 +35,11 @@ pub trait Memory {
     /// # Errors
     /// `Io`.
     fn recall(&self, unit: &[Shining]) -> Result<Option<KeptLight>>;
+    /// What was kept of it before a change, which says what the change is.
+    ///
+    /// # Errors
+    /// `Io`.
+    fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>>;
     /// What was kept of it since, where it is `wanted`, or is being kept by another process that shares the work; else by `make`, to
     /// be kept for later.
     ///
@@ -53,6 +63,8 @@ fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
 /// A unit, and what is known of its light.
 struct Unit {
     shining: Vec<Shining>,
+    /// From 0.
+    number: u32,
     strength: Rgb,
     kept: Option<KeptLight>,
     /// About the flux that it sends to patches at a strength of 1 [lm], by channel.
@@ -88,23 +100,33 @@ pub fn direct_of(
 ) -> Result<Direct> {
     let lights_of = |unit: &[Shining]| Lights::of(lit.ground.scene, |shining| unit.contains(&shining));
     let mut all: Vec<Unit> = Vec::new();
-    for shining in units(shining) {
+    for (shining, number) in units(shining).into_iter().zip(0..) {
         let (strength, kept) = (memory.strength(&shining), memory.recall(&shining)?);
         let flux = match &kept {
             Some(kept) => kept.flux(),
             None => over_strength(glimpse_flux(&Lit { lights: &lights_of(&shining), ..*lit }, progress)?, strength),
         };
-        all.push(Unit { shining, strength, kept, flux });
+        all.push(Unit { shining, number, strength, kept, flux });
     }
     all.sort_by(|a, b| b.light().total_cmp(&a.light()));
     let patches = lit.ground.patches.len();
     let mut sum: Option<Direct> = None;
     for unit in all {
         let light = unit.light();
-        let Unit { shining, strength, kept, flux } = unit;
+        let Unit { shining, number, strength, kept, flux } = unit;
         let ratio = beside.flux / light.max(f64::MIN_POSITIVE);
         let is_close = |kept: &KeptLight| LESS * kept.beside <= ratio.max(LESS);
-        let look = || direct_beside(&Lit { lights: &lights_of(&shining), ..*lit }, &beside.irradiance, progress);
+        let look = || {
+            let lights = lights_of(&shining);
+            // Numbers of its own: errors of lamps that shared them would add up.
+            let params =
+                DirectParams { seed: lit.params.seed.wrapping_add(SALT.wrapping_mul(number)), ..lit.params.clone() };
+            let lit = Lit { lights: &lights, params: &params, ..*lit };
+            let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
+            let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
+            let kept = before.as_ref().and_then(|(old, change)| Kept::new(&lit, old, change));
+            direct_beside(&lit, &beside.irradiance, kept.as_ref(), progress)
+        };
         let make = || Ok(KeptLight::new(&look()?, strength, flux, ratio));
         let kept = match kept.filter(is_close) {
             Some(kept) => kept,
@@ -120,7 +142,7 @@ pub fn direct_of(
             Some(sum) => sum.plus(&found),
         });
     }
-    sum.map_or_else(|| direct_beside(lit, &beside.irradiance, progress), Ok)
+    sum.map_or_else(|| direct_beside(lit, &beside.irradiance, None, progress), Ok)
 }
 
 impl Beside {

@@ -4,14 +4,18 @@
 //!
 //! The writers still work on the source: a glTF source keeps its materials and lights as they were.
 
+mod lamps;
+
+pub use lamps::{LampEdit, LampKind};
+
 use super::pattern::{Pattern, near};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
 use crate::scene::contribution::{BakeMode, Contribution, group_fault};
-use crate::scene::{Environment, Light, LightShape, Material, RoleOpinion, Scene, SurfaceOrigin};
+use crate::scene::{Environment, Material, RoleOpinion, Scene, SurfaceOrigin};
+use lamps::{Lamp, skies};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-use std::sync::Arc;
 
 /// What to say of a material that is asked to be left out.
 const NO_DYNAMIC_GLOW: &str = "a glow is part of its surface: baked or indirect, but not dynamic";
@@ -51,6 +55,8 @@ pub struct MaterialEdit {
     pub albedo: Option<[f32; 3]>,
     /// Factor on the albedo [0..100].
     pub albedo_scale: Option<f32>,
+    /// Emission in place of the material's own and its texture, linear Rec.709 [nit; 0..1e9].
+    pub emission: Option<[f32; 3]>,
     /// Factor on the emission [0..1e6].
     pub emission_scale: Option<f32>,
     /// Whether it reflects and shines on both sides.
@@ -59,30 +65,6 @@ pub struct MaterialEdit {
     pub bake: Option<BakeMode>,
     /// The light group of its emission.
     pub group: Option<String>,
-}
-
-/// How lights and skies of the scene shine, `[[lamps]]` in `lumel.toml`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct LampEdit {
-    /// Pattern over the names of lights and skies.
-    pub name: String,
-    /// Left out of the bake: it stays as it is for the engine to light with.
-    pub skip: Option<bool>,
-    /// Factor on its strength [0..1e6].
-    pub scale: Option<f32>,
-    /// What of its light is baked.
-    pub bake: Option<BakeMode>,
-    /// Its light group.
-    pub group: Option<String>,
-    /// Whether a shadow mask is made of it where masks are asked for.
-    pub shadow_mask: Option<bool>,
-}
-
-impl LampEdit {
-    fn contribution(&self) -> Contribution {
-        Contribution { mode: self.bake, group: self.group.as_deref().map(Into::into), shadow_mask: self.shadow_mask }
-    }
 }
 
 impl ObjectEdit {
@@ -111,15 +93,13 @@ impl Edits {
             let albedo = m.albedo.as_ref().map_or(&[][..], |a| &a[..]);
             let wrong = fault("albedo", albedo, 1.0)
                 .or_else(|| fault("albedo-scale", m.albedo_scale.as_slice(), 100.0))
+                .or_else(|| fault("emission", m.emission.as_ref().map_or(&[][..], |e| &e[..]), 1e9))
                 .or_else(|| fault("emission-scale", m.emission_scale.as_slice(), 1e6))
                 .or_else(|| m.group.as_deref().and_then(group_fault))
                 .or_else(|| (m.bake == Some(BakeMode::Dynamic)).then(|| NO_DYNAMIC_GLOW.into()));
             refuse("materials", &m.name, wrong)?;
         }
-        self.lamps.iter().try_for_each(|l| {
-            let wrong = fault("scale", l.scale.as_slice(), 1e6).or_else(|| l.group.as_deref().and_then(group_fault));
-            refuse("lamps", &l.name, wrong)
-        })
+        self.lamps.iter().try_for_each(|l| refuse("lamps", &l.name, l.fault()))
     }
 
     /// Changes `scene`, and removes the surfaces that are to be left out; `place` names the file.
@@ -137,18 +117,26 @@ impl Edits {
             each(&edit.name, "materials", of.collect(), warnings, |material| change(material, edit))?;
         }
         for edit in &self.lamps {
-            let scale = edit.scale.unwrap_or(1.0);
-            let mut lamps: Vec<(String, Lamp)> =
-                scene.lights.iter_mut().map(|l| (l.name.clone(), Lamp::Light(l))).collect();
-            if let Some(sky) = &mut scene.environment {
-                lamps.extend(skies(sky));
+            match edit.added() {
+                Some(light) if scene.lights.iter().any(|other| other.name == light.name) => {
+                    let message = "a light of this name is there already; add one of another name";
+                    return Err(Error::invalid("lamps", format!("{}: {message}", light.name)));
+                }
+                Some(light) => scene.lights.push(light),
+                None => {
+                    let mut faults = Vec::new();
+                    each(&edit.name, "lamps", lamps_of(scene), warnings, |(name, lamp)| {
+                        faults.extend(edit.apply(lamp).map(|fault| (name, fault)));
+                    })?;
+                    faults.into_iter().for_each(|(name, fault)| warnings.add(name, fault));
+                }
             }
-            let own = edit.contribution();
-            each(&edit.name, "lamps", lamps, warnings, |mut lamp| {
-                lamp.scale(scale);
-                let contribution = lamp.contribution();
-                *contribution = own.over(contribution);
-            })?;
+        }
+        let off = |name: &str| self.last(name, |edit| edit.enabled) == Some(false);
+        for (_, (name, mut lamp)) in lamps_of(scene) {
+            if off(&name) {
+                lamp.each_strength(&|_| Rgb::ZERO);
+            }
         }
         for material in scene.materials.iter_mut().filter(|m| m.contribution.mode() == BakeMode::Dynamic) {
             warnings.add(&material.name, format!("{NO_DYNAMIC_GLOW}; it is baked"));
@@ -160,11 +148,18 @@ impl Edits {
         Ok(())
     }
 
+    /// What the last table about the lamp `name` says that says anything of it.
+    fn last(&self, name: &str, of: impl Fn(&LampEdit) -> Option<bool>) -> Option<bool> {
+        let holds = |edit: &LampEdit| match edit.add {
+            Some(_) => edit.name == name,
+            None => Pattern::new(&edit.name).is_ok_and(|pattern| pattern.holds(name)),
+        };
+        self.lamps.iter().rev().filter_map(|edit| Some((edit, of(edit)?))).find(|(edit, _)| holds(edit)).map(|(_, v)| v)
+    }
+
     /// Takes out the lamps that are to be left out.
     fn remove_lamps(&self, scene: &mut Scene) {
-        let patterns: Vec<(Pattern, bool)> =
-            self.lamps.iter().filter_map(|l| Some((Pattern::new(&l.name).ok()?, l.skip?))).collect();
-        let is_skipped = |name: &str| patterns.iter().rev().find(|(p, _)| p.holds(name)).is_some_and(|(_, skip)| *skip);
+        let is_skipped = |name: &str| self.last(name, |edit| edit.skip) == Some(true);
         scene.lights.retain(|light| !is_skipped(&light.name));
         let Some(mut sky) = scene.environment.take() else { return };
         sky.others.retain(|other| !is_skipped(&other.name));
@@ -176,6 +171,13 @@ impl Edits {
             Some(sky)
         };
     }
+}
+
+/// The lights and skies of `scene`, by name.
+fn lamps_of(scene: &mut Scene) -> Vec<(String, (String, Lamp<'_>))> {
+    let lights = scene.lights.iter_mut().map(|light| (light.name.clone(), Lamp::Light(light)));
+    let all = lights.chain(scene.environment.iter_mut().flat_map(skies));
+    all.map(|(name, lamp)| (name.clone(), (name, lamp))).collect()
 }
 
 /// Calls `change` for all that the pattern holds for; that it is for nothing is a warning.
@@ -215,6 +217,9 @@ fn change(material: &mut Material, edit: &MaterialEdit) {
         }
         look.base_color *= edit.albedo_scale.unwrap_or(1.0);
     }
+    if let Some(emission) = edit.emission {
+        (material.emission, material.emission_texture) = (emission.into(), None);
+    }
     material.emission *= edit.emission_scale.unwrap_or(1.0);
     material.double_sided = edit.double_sided.unwrap_or(material.double_sided);
     let own = Contribution { mode: edit.bake, group: edit.group.as_deref().map(Into::into), shadow_mask: None };
@@ -222,51 +227,6 @@ fn change(material: &mut Material, edit: &MaterialEdit) {
     // What is reflected doesn't pass.
     let left = (Rgb::ONE - material.albedo).max(Rgb::ZERO);
     material.transmission = material.transmission.min(left);
-}
-
-/// Something that shines and is no surface.
-enum Lamp<'a> {
-    Light(&'a mut Light),
-    Sky(&'a mut Rgb, &'a mut Contribution),
-}
-
-impl Lamp<'_> {
-    fn contribution(&mut self) -> &mut Contribution {
-        match self {
-            Self::Light(light) => &mut light.contribution,
-            Self::Sky(_, contribution) => contribution,
-        }
-    }
-
-    fn scale(&mut self, by: f32) {
-        match self {
-            Self::Sky(radiance, _) => **radiance *= by,
-            Self::Light(light) => match &mut light.shape {
-                LightShape::Point { intensity, .. } | LightShape::Spot { intensity, .. } => *intensity *= by,
-                LightShape::Directional { illuminance, .. } => *illuminance *= by,
-                LightShape::Rect { radiance, .. }
-                | LightShape::Disk { radiance, .. }
-                | LightShape::Sphere { radiance, .. }
-                | LightShape::Cylinder { radiance, .. } => *radiance *= by,
-                LightShape::Portal { sky, .. } => {
-                    let sky = Arc::make_mut(sky);
-                    sky.radiance *= by;
-                    sky.others.iter_mut().for_each(|other| other.radiance *= by);
-                }
-            },
-        }
-    }
-}
-
-/// A sky and the others, by name.
-fn skies(sky: &mut Environment) -> impl Iterator<Item = (String, Lamp<'_>)> {
-    fn other(sky: &mut Environment) -> (String, Lamp<'_>) {
-        let Environment { name, radiance, contribution, .. } = sky;
-        (name.clone(), Lamp::Sky(radiance, contribution))
-    }
-    let Environment { name, radiance, contribution, others, .. } = sky;
-    let first = (name.clone(), Lamp::Sky(radiance, contribution));
-    std::iter::once(first).chain(others.iter_mut().map(other))
 }
 
 /// Removes the surfaces that are to be left out.

@@ -21,7 +21,7 @@ use crate::error::{Error, Result, Warnings};
 use crate::scene::{Scene, validate::validate};
 use std::path::{Path, PathBuf};
 
-pub use edits::{Edits, LampEdit, MaterialEdit, ObjectEdit};
+pub use edits::{Edits, LampEdit, LampKind, MaterialEdit, ObjectEdit};
 pub use options::{LoadOptions, Purpose};
 
 /// What a loader gives: the scene, what the writers need of its source, and what was met on the way.

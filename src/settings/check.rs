@@ -39,6 +39,23 @@ impl Settings {
         Ok(())
     }
 
+    /// Refuses what isn't found by what blocks saw.
+    fn check_relight(&self) -> Result<()> {
+        refuse_first(&[
+            (
+                self.method != Method::Radiosity || self.gather() != Gather::Blocks,
+                "relight",
+                "other light is found for the radiosity of blocks alone; bake by it, without method, solver and gather",
+            ),
+            (self.cache.is_none(), "relight", "other light is found by what a cache remembers; name it with --cache"),
+            (
+                self.shard.is_some(),
+                "relight",
+                "nothing is traced, and so there is nothing to share out; leave shard out",
+            ),
+        ])
+    }
+
     /// Refuses values out of range before any work begins.
     ///
     /// # Errors
@@ -81,6 +98,9 @@ impl Settings {
         within("checkpoint", self.checkpoint, 0.0, 1e6)?;
         if self.shard.is_some() {
             self.check_shards()?;
+        }
+        if self.relight.is_some() {
+            self.check_relight()?;
         }
         within("time", self.time, -1e9, 1e9)?;
         within("ao-distance", self.ao_distance, 0.0, 1e6)?;

@@ -15,7 +15,7 @@ from conftest import ROOT, SAMPLES, TOOLS, lumel
 
 PROGRAM = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "lumel"
 # What the report says of the run, not of its result.
-OF_THE_RUN = ("stages", "peak_memory_bytes", "rays", "warnings")
+OF_THE_RUN = ("stages", "peak_memory_bytes", "rays", "warnings", "reused")
 
 
 def python_with(module: str, variable: str) -> str:
