@@ -32,6 +32,7 @@ pub fn plan(args: &PlanArgs, console: &Console) -> Result<(), Failure> {
         return Err(Failure::Usage(Error::invalid(format!("--{option}"), message)));
     }
     let Resolved { settings, file: _ } = config::resolve(&args.bake)?;
+    Plan::check(&settings, args.shards).map_err(Failure::Usage)?;
     let asked = args.bake.output.clone();
     let folder = asked.unwrap_or_else(|| PathBuf::from(format!("{}_farm", destination::stem(scene))));
     interrupt::install(console, console.cancel_flag(), Some(folder.clone()));

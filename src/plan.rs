@@ -96,17 +96,13 @@ impl Plan {
         shards: usize,
         progress: &dyn Progress,
     ) -> Result<(Self, Warnings)> {
-        if !(1..=MOST_SHARDS).contains(&shards) {
-            return Err(Error::invalid("shards", format!("{shards} is out of range; allowed are 1 to {MOST_SHARDS}")));
-        }
-        let shard = Shard { index: 0, count: shards, alone: false };
         let (scene, folder) = (absolute(scene)?, absolute(folder)?);
         let mut settings = settings.clone();
         for path in settings.paths_mut() {
             *path = absolute(path)?;
         }
         let cache = settings.cache.take().map_or_else(|| Ok(folder.join(CACHE)), |cache| absolute(&cache))?;
-        Settings { cache: Some(cache.clone()), shard: Some(shard), ..settings.clone() }.check()?;
+        Self::check(&settings, shards)?;
         progress.begin("load", 0);
         let mut loaded = load::load_with(&scene, &settings.load_options())?;
         added_light::add(&mut loaded, &settings)?;
@@ -120,6 +116,18 @@ impl Plan {
         settings.overwrite = false;
         let estimate = estimate_of(&loaded.scene, &settings);
         Ok((Self { folder, scene, inputs, settings, cache, shards, estimate }, loaded.warnings))
+    }
+
+    /// Refuses settings, and numbers of shards, with which the work can't be shared out.
+    ///
+    /// # Errors
+    /// `Invalid`, naming the setting.
+    pub fn check(settings: &Settings, shards: usize) -> Result<()> {
+        if !(1..=MOST_SHARDS).contains(&shards) {
+            return Err(Error::invalid("shards", format!("{shards} is out of range; allowed are 1 to {MOST_SHARDS}")));
+        }
+        let shard = Some(Shard { index: 0, count: shards, alone: false });
+        Settings { cache: Some(PathBuf::from(CACHE)), shard, ..settings.clone() }.check()
     }
 
     /// Writes the plan and its template into its folder, which is made where it is missing.

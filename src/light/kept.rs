@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn light_comes_back_at_another_strength() {
         let strength = Rgb::new(3.0, 2.0, 0.0);
-        let shape = |i: usize| if i % 3 == 0 { 0.0 } else { 1.0 / (1.0 + i as f32) };
+        let shape = |i: usize| if i.is_multiple_of(3) { 0.0 } else { 1.0 / (1.0 + i as f32) };
         let grey = KeptLight::new(&direct(|i| strength * shape(i)), strength, DVec3::ONE, 2.0);
         assert_eq!(grey.transport.bytes.len(), 3 * (0..1000).filter(|i| i % 3 != 0).count(), "one channel does");
         let other = Rgb::new(1.0, 5.0, 0.0);

@@ -15,7 +15,7 @@ from conftest import ROOT, SAMPLES, TOOLS, lumel
 
 PROGRAM = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release" / "lumel"
 # What the report says of the run, not of its result.
-OF_THE_RUN = ("stages", "peak_memory_bytes", "rays", "warnings")
+OF_THE_RUN = ("stages", "peak_memory_bytes", "rays", "warnings", "reused")
 
 
 def python_with(module: str, variable: str) -> str:
@@ -113,9 +113,11 @@ def test_a_plan_is_a_job_of_open_job_description(tmp_path):
         return succeeded(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=900))
 
     openjd("check", job / "template.yaml")
-    run = openjd("run", job / "template.yaml", "--step", "Merge", "--run-dependencies", "-p", f"Scene={scene}", "-p", f"Lumel={PROGRAM}")
+    steps = ["--step", "Merge", "--run-dependencies", "-p", f"Lumel={PROGRAM}"]
+    # As near to the scene as the other: the layer names it from there.
+    run = openjd("run", job / "template.yaml", *steps, "-p", f"Scene={scene}", "-p", f"Output={tmp_path / 'out'}")
     assert "openjd_progress: 100" in run.stdout and "shards had done all" in run.stdout, run.stdout[-3000:]
-    assert result(job / "baked") == result(plain)
+    assert result(tmp_path / "out") == result(plain)
 
     # Paths that differ on the machine at work are mapped.
     moved = tmp_path / "moved"
@@ -124,7 +126,6 @@ def test_a_plan_is_a_job_of_open_job_description(tmp_path):
     rule = {"source_path_format": "POSIX", "source_path": "/studio", "destination_path": str(moved)}
     rules = json.dumps({"version": "pathmapping-1.0", "path_mapping_rules": [rule]})
     places = ["-p", f"Scene=/studio/{scene.name}", "-p", "Output=/studio/out", "-p", "Cache=/studio/cache"]
-    steps = ["--step", "Merge", "--run-dependencies", "--path-mapping-rules", rules]
-    openjd("run", job / "template.yaml", *steps, *places, "-p", f"Lumel={PROGRAM}")
+    openjd("run", job / "template.yaml", *steps, "--path-mapping-rules", rules, *places)
     pages = {k: v for k, v in result(moved / "out").items() if k.startswith("lightmaps/")}
     assert pages and pages.items() <= result(plain).items()
