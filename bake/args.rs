@@ -64,7 +64,8 @@ pub enum Command {
     /// Take a picture of a scene through a camera, by rays
     ///
     /// Writes the picture [nit] as OpenEXR and, tone-mapped, as a PNG of the same name beside it: as it grows, and at the end. Of a bake's
-    /// GLB it shows the lightmaps, unless a --method is given.
+    /// GLB it shows the lightmaps on matte surfaces, with glass and mirrors left out, unless a --method is given; the even sky of the bake, which
+    /// the GLB's extras hold, is put back unless --sky or --environment give another.
     Render(Box<RenderArgs>),
     /// Compare two baked EXR pages, and draw where they differ
     Compare(CompareArgs),
@@ -252,7 +253,7 @@ pub struct FactorArgs {
 pub struct RenderArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Picture to write, and a .png beside it [default: ./<stem>.exr]
+    /// Picture to write, and a .png beside it; its folder is made where missing [default: ./<stem>.exr]
     #[arg(short, long, value_name = "F.exr", value_hint = ValueHint::FilePath)]
     pub output: Option<PathBuf>,
     /// Show a bake (its GLB) by a final gather: from every point of the picture rays read the lightmaps where they land, so that

@@ -52,7 +52,11 @@ pub struct Console {
     /// When progress is shown next [ms since the start].
     due: AtomicU64,
     stage: Mutex<Option<Stage>>,
+    kept: Kept,
 }
+
+/// What lies in the place of the result by now.
+type Kept = Arc<Mutex<Option<String>>>;
 
 /// The stage that runs.
 #[derive(Debug)]
@@ -60,14 +64,17 @@ struct Stage {
     name: &'static str,
     total: u64,
     start: Instant,
+    /// When it ends, however much is done, after the run began.
+    end: Option<Duration>,
     bar: Option<ProgressBar>,
 }
 
 /// The part of a [`Console`] that a signal handler needs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct ErrorVoice {
     json: bool,
     bar: bool,
+    kept: Kept,
 }
 
 impl Console {
@@ -90,6 +97,7 @@ impl Console {
             done: AtomicU64::new(0),
             due: AtomicU64::new(0),
             stage: Mutex::new(None),
+            kept: Kept::default(),
         }
     }
 
@@ -100,7 +108,7 @@ impl Console {
 
     /// What a signal handler speaks with.
     pub fn for_errors(&self) -> ErrorVoice {
-        ErrorVoice { json: self.json, bar: self.style == Style::Bar }
+        ErrorVoice { json: self.json, bar: self.style == Style::Bar, kept: Arc::clone(&self.kept) }
     }
 
     /// Ends the current stage, if any: says how long it took.
@@ -184,12 +192,17 @@ impl Console {
         let stage = self.stage();
         let Some(stage) = stage.as_ref() else { return };
         let (done, total) = (self.done.load(Ordering::Relaxed), stage.total);
+        let until_end = stage.end.map(|end| end.saturating_sub(self.start.elapsed()).as_secs_f64());
         if let Some(bar) = &stage.bar {
             bar.set_position(done);
+            if let Some(left) = until_end {
+                bar.set_message(format!("{} left", print::seconds(left)));
+            }
             return;
         }
         let rate = done as f64 / stage.start.elapsed().as_secs_f64().max(1e-3);
-        let left = (total > 0 && done > 0).then(|| total.saturating_sub(done) as f64 / rate);
+        let by_rate = (total > 0 && done > 0).then(|| total.saturating_sub(done) as f64 / rate);
+        let left = [by_rate, until_end].into_iter().flatten().reduce(f64::min);
         if self.style == Style::Json {
             let event = json!({"event": "progress", "name": stage.name, "done": done, "total": total,
                                "per_second": rate, "seconds_left": left});
@@ -229,7 +242,7 @@ impl Progress for Console {
             }
         }
         let bar = (self.style == Style::Bar).then(|| bar(name, total));
-        *self.stage() = Some(Stage { name, total, start: Instant::now(), bar });
+        *self.stage() = Some(Stage { name, total, start: Instant::now(), end: None, bar });
     }
 
     fn advance(&self, units: u64) {
@@ -248,12 +261,30 @@ impl Progress for Console {
     fn cancelled(&self) -> bool {
         self.cancelled.load(Ordering::Relaxed)
     }
+
+    fn elapsed(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    fn ends_at(&self, end: Duration) {
+        if let Some(stage) = self.stage().as_mut() {
+            stage.end = Some(end);
+        }
+    }
+
+    fn keeps(&self, what: &str) {
+        *self.kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(what.to_string());
+    }
 }
 
 impl ErrorVoice {
     /// Says why the run ended: one line.
     pub fn error(self, error: &Error) {
-        let message = one_line(&error.to_string());
+        let mut message = one_line(&error.to_string());
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let (Error::Cancelled, Some(kept)) = (error, kept.as_ref()) {
+            message += &format!("; {kept}");
+        }
         if self.json {
             say(&json!({"event": "error", "message": message}).to_string());
         } else {
@@ -273,7 +304,7 @@ fn bar(name: &'static str, total: u64) -> ProgressBar {
         let template = "{prefix:>10}  {bar:30} {percent:>3} %  {human_pos}/{human_len}  {rate}  {eta} left";
         (ProgressBar::new(total), template)
     } else {
-        (ProgressBar::new_spinner(), "{prefix:>10}  {spinner} {elapsed}")
+        (ProgressBar::new_spinner(), "{prefix:>10}  {spinner} {elapsed}  {msg}")
     };
     // The templates are constants; the default style is what is left where indicatif doesn't take them.
     let bar = match ProgressStyle::with_template(template) {

@@ -31,7 +31,7 @@ pub fn install(console: &Console, cancelled: Arc<AtomicBool>, folder: Option<Pat
                 }
             }
         }
-        console.error(&Error::Cancelled);
+        console.clone().error(&Error::Cancelled);
         std::process::exit(i32::from(INTERRUPTED));
     };
     // It fails only where a handler exists already or the system refuses one; the run is right without it, too.

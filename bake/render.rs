@@ -43,8 +43,14 @@ pub fn render(args: &RenderArgs, console: &Console) -> Result<(), Failure> {
     console.warnings(&rendered.warnings);
     let [width, height] = rendered.size;
     let summary = [
-        format!("{width} x {height} pixels, {} samples each", rendered.samples),
-        format!("noise {:.2} % of the mean", 100.0 * rendered.noise),
+        match rendered.side {
+            1 => format!("{width} x {height} pixels, {} samples each", rendered.samples),
+            side => format!("{width} x {height} pixels, {} samples of each {side} x {side} of them", rendered.samples),
+        },
+        match rendered.noise {
+            Some(noise) => format!("noise {:.2} % of the mean", 100.0 * noise),
+            None => "noise unknown".to_string(),
+        },
         format!("{} shows it", rendered.files[1].display()),
     ];
     console.done(&output, &summary, start.elapsed().as_secs_f64());

@@ -15,6 +15,9 @@ use crate::settings::{Method, ProjectorSetting, Settings, SkySetting};
 use glam::Vec3;
 use std::sync::Arc;
 
+/// What to do about a scene in which nothing shines.
+pub const NO_LIGHT: &str = "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun";
+
 /// The sun's disc [degrees].
 const SUN_ANGLE: f32 = 0.53;
 

@@ -30,6 +30,9 @@ pub struct EnergyBalance {
     pub inflow: [f64; 3],
     /// Absorbed by what is shown on the pages.
     pub absorbed: [f64; 3],
+    /// Received by mirrors and glass that are black beside light over mirrors and glass, off other surfaces or from the sky, and lost:
+    /// part of nothing else here.
+    pub lost_on_mirrors: [f64; 3],
     /// Absorbed by the backs of double-sided surfaces.
     pub absorbed_by_backs: [f64; 3],
     /// Escaped from the scene, or fallen on the black backs of single-sided surfaces.
@@ -39,6 +42,13 @@ pub struct EnergyBalance {
 }
 
 impl EnergyBalance {
+    /// The share of the light that was lost on mirrors and glass.
+    pub fn lost_share(&self) -> f64 {
+        let sum = |power: &[f64; 3]| power.iter().sum::<f64>();
+        let into = sum(&self.emitted) + sum(&self.inflow);
+        if into > 0.0 { sum(&self.lost_on_mirrors) / into } else { 0.0 }
+    }
+
     /// True where nothing was balanced.
     pub fn is_empty(&self) -> bool {
         let sum = |power: &[f64; 3]| power.iter().sum::<f64>();
@@ -54,6 +64,9 @@ pub struct Bake<'a> {
     pub gathered: &'a Gathered,
     /// What arrives and is on no page, as an engine adds it [lx], by patch.
     pub left_out: Option<&'a [Rgb]>,
+    /// Patches of mirrors and glass, ascending, and what came to each that is no more theirs to send on [lx]: it is part of the inflow
+    /// where it lands.
+    pub taken: &'a [(u32, Rgb)],
 }
 
 /// Adds up the power of `bake` with the irradiance read from the pages of `lightmap`, rounded to half precision where `half`; what
@@ -64,7 +77,7 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
         .into_par_iter()
         .map(|part| power(bake, lightmap, half, part * PART..count.min((part + 1) * PART)))
         .collect();
-    let Power { emitted, absorbed, mut escaped } = parts.into_iter().fold(Power::default(), Power::add);
+    let Power { emitted, absorbed, lost, mut escaped } = parts.into_iter().fold(Power::default(), Power::add);
     escaped += emitted::escaped(&bake.lit, bake.backs);
     let mut backs = DVec3::ZERO;
     let all = bake.backs;
@@ -74,11 +87,12 @@ pub fn balance(bake: &Bake, lightmap: &Lightmap, half: bool) -> EnergyBalance {
         escaped += (1.0 - f64::from(all.landed_share[b])) * rho * received;
     }
     let inflow = bake.direct.inflow + bake.gathered.sky_inflow + bake.backs.inflow;
-    let (into, out) = (emitted + inflow, absorbed + backs + escaped);
+    let (into, out) = (emitted + inflow, absorbed + lost + backs + escaped);
     EnergyBalance {
         emitted: emitted.to_array(),
         inflow: inflow.to_array(),
         absorbed: absorbed.to_array(),
+        lost_on_mirrors: lost.to_array(),
         absorbed_by_backs: backs.to_array(),
         escaped: escaped.to_array(),
         imbalance: (out - into).element_sum() / into.element_sum().max(f64::MIN_POSITIVE),
@@ -93,6 +107,7 @@ const PART: usize = 1 << 14;
 struct Power {
     emitted: DVec3,
     absorbed: DVec3,
+    lost: DVec3,
     escaped: DVec3,
 }
 
@@ -101,6 +116,7 @@ impl Power {
         Self {
             emitted: self.emitted + other.emitted,
             absorbed: self.absorbed + other.absorbed,
+            lost: self.lost + other.lost,
             escaped: self.escaped + other.escaped,
         }
     }
@@ -123,8 +139,18 @@ fn power(bake: &Bake, lightmap: &Lightmap, half: bool, range: Range<usize>) -> P
             let left_out = bake.left_out.map_or(DVec3::ZERO, |left_out| left_out[i].as_dvec3());
             written_irradiance(lightmap, patches.texel(i), rho, emittance, half) + left_out
         };
-        power.absorbed += (bake.lit.exposure.taking_area(i) - area * rho) * irradiance;
-        power.escaped += area * (1.0 - landed) * rho * irradiance;
+        let taken = bake.taken.binary_search_by_key(&(i as u32), |of| of.0).ok().map(|k| bake.taken[k].1.as_dvec3());
+        let reflected = area * rho * (irradiance - taken.unwrap_or_default()).max(DVec3::ZERO);
+        let kept = bake.lit.exposure.taking_area(i) * irradiance - reflected;
+        match taken.filter(|_| rho == DVec3::ZERO) {
+            Some(taken) => {
+                let sent_on = (area * taken).min(kept);
+                power.absorbed += sent_on;
+                power.lost += kept - sent_on;
+            }
+            None => power.absorbed += kept,
+        }
+        power.escaped += (1.0 - landed) * reflected;
         if bake.backs.of_patch[i] != crate::patch::NONE {
             power.emitted += whole * emittance;
         }

@@ -41,6 +41,7 @@ use crate::transport::{Elements, Probes};
 use crate::unwrap::Atlas;
 use crate::work::Work;
 use crate::write::{dump::Dump, watch::WatchFolder};
+use caustics::Brought;
 use kept::{Lamps, Look, Sight};
 use std::sync::Arc;
 
@@ -141,7 +142,7 @@ pub fn illuminate_with(
     let to = Finish::new(shown, settings.seams, settings.gutter, settings.quantity);
     let (mut lightmap, seams) = finish(&to, &gathered.irradiance, settings.quantity);
     let sources =
-        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics };
+        layers::Sources { to: &to, direct: &direct, gathered: &gathered, groups: &groups, caustics: &caustics.shown };
     let layer_rays;
     (lightmap.layers, layer_rays) = layers(&sources, &settings.layer_params(), progress)?;
     if settings.directional != Directional::Off {
@@ -153,7 +154,8 @@ pub fn illuminate_with(
         let seen = lightmap.irradiance(patches);
         lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
-    let bake = energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out };
+    let bake =
+        energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out, taken: &caustics.taken };
     let energy = match needs_walks(scene, settings) {
         true => EnergyBalance::default(),
         false => balance(&bake, &lightmap, !settings.float),
@@ -269,8 +271,8 @@ struct Found {
     groups: Vec<Group>,
     /// What arrives and is not to be shown [lx].
     left_out: Option<Vec<Rgb>>,
-    /// What came over mirrors and glass as if straight from lights, of what is shown [lx]; empty where it wasn't asked for.
-    caustics: Vec<Rgb>,
+    /// What came over mirrors and glass as if straight from lights.
+    caustics: Brought,
 }
 
 /// The light of all texels, by the method that is asked for.
@@ -480,7 +482,7 @@ fn by_walks(lit: &Lit, parts: &[Part], settings: &Settings, dump: &Dump, progres
     };
     let (elements, solution) = (Elements::default(), Solution::default());
     let backs = Backs::default();
-    let (groups, caustics) = (Vec::new(), Vec::new());
+    let (groups, caustics) = (Vec::new(), Brought::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }
 
@@ -539,6 +541,6 @@ fn paths(
         ..Solution::default()
     };
     let backs = Backs::of_elements(&elements, &solution);
-    let (groups, caustics) = (Vec::new(), Vec::new());
+    let (groups, caustics) = (Vec::new(), Brought::default());
     Ok(Found { direct, elements, solution, gathered, backs, exchanged: None, groups, left_out: None, caustics })
 }

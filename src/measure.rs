@@ -1,5 +1,7 @@
 //! What a sensor measures by one of the methods that follow rays, to as many samples, or in as much time, as settings say.
 
+mod pace;
+
 use crate::error::{Error, Result};
 use crate::integrate::bidirectional::Bidirectional;
 use crate::integrate::metropolis::Metropolis;
@@ -9,12 +11,13 @@ use crate::load::baked::BakedLight;
 use crate::progress::Progress;
 use crate::sensor::{Film, Sensor};
 use crate::settings::{Method, Settings};
+use pace::Pace;
 use std::time::Duration;
 
 /// Samples a pixel, where neither they nor a time is asked for.
 const SAMPLES: u32 = 64;
 
-/// Makes passes until there are as many as asked for, or the time is over; calls `show` after each.
+/// Makes passes until there are as many as asked for, or there is no time for another, one at least; calls `show` after each.
 ///
 /// # Errors
 /// `Invalid` where the method can't do what the scene holds; those of `show`; `Cancelled`.
@@ -55,16 +58,17 @@ fn expose(
 ) -> Result<Film> {
     let budget = settings.time_budget.map(Duration::from_secs_f64);
     let most = samples(settings).map(u64::from);
-    progress.begin(settings.method.name(), most.unwrap_or(0));
+    progress.begin(settings.method.name(), most.unwrap_or(0).saturating_mul(pixels as u64));
+    if let Some(end) = budget {
+        progress.ends_at(end);
+    }
+    let mut pace = Pace::new(budget, progress);
     let mut film = Film::new(pixels);
-    while most.is_none_or(|most| film.passes() < most) {
-        let before = film.passes();
-        method.pass(&mut film, progress)?;
-        progress.advance(film.passes() - before);
-        if budget.is_some_and(|budget| progress.elapsed() >= budget) {
+    while most.is_none_or(|most| film.passes() < most) && (film.passes() == 0 || pace.has_time()) {
+        if !pace.pass(method, &mut film, pixels)? {
             break;
         }
-        show(&film)?;
+        pace.show(|| show(&film))?;
     }
     Ok(film)
 }

@@ -9,7 +9,7 @@ use crate::added_light;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::kept::{add_base, has_links};
+use crate::illuminate::kept::{State, add_base, has_links};
 use crate::illuminate::{Illuminated, ROUGHER, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
@@ -30,7 +30,7 @@ use crate::store::{FolderLock, Key, Store};
 use crate::transport::Method as FormFactors;
 use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
-use crate::work::Work;
+use crate::work::{Stored, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::Path;
 
@@ -38,6 +38,9 @@ pub use crate::report::Report;
 
 /// The share of the light that may be missing or too much before a bake is called into question.
 const MOST_IMBALANCE: f64 = 0.02;
+
+/// The share of the light that may be lost on mirrors and glass before it is said.
+const MOST_LOST: f64 = 0.002;
 
 /// Samples a texel below which the energy balance is too noisy to call a bake into question.
 const LEAST_SAMPLES: u32 = 64;
@@ -63,7 +66,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     if settings.caustics {
         scatter::adapt_for_caustics(&mut loaded.scene);
     }
-    let work = work(&store, &loaded.scene, &atlas, settings);
+    let work = work(&store, scene, &loaded.scene, &atlas, settings)?;
     let settings = &relit(settings, &work, &loaded)?;
     report.relit = settings.relight.as_ref().map(|relight| relight.baked.clone());
     if settings.shard.is_some() {
@@ -73,6 +76,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
+    remember_state(&store, scene, &loaded.scene, &atlas)?;
     report.warnings.extend(store.take_warnings());
     report.reused = work.tally();
     report.texels = lit.patches.len();
@@ -120,12 +124,23 @@ fn open_store(settings: &Settings) -> Result<Store> {
 }
 
 /// The work on a scene with lightmap UVs, as far as it is remembered.
-fn work<'a>(store: &'a Store, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Work<'a> {
+fn work<'a>(store: &'a Store, file: &Path, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<Work<'a>> {
     if store.is_none() {
-        return Work::unstored();
+        return Ok(Work::unstored());
     }
     let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
-    Work::new(store, base, settings.shard, settings.checkpoint())
+    let work = Work::new(store, base, settings.shard, settings.checkpoint());
+    if settings.shard.is_some() {
+        // What one process has seen before, another may not.
+        return Ok(work);
+    }
+    let now = State::new(scene, atlas, base);
+    let before = store.read(STATE, state_key(file))?.as_ref().and_then(State::restore);
+    let work = match before.and_then(|before| now.since(&before)) {
+        Some((base, change)) => work.after(base, change),
+        None => work,
+    };
+    Ok(work)
 }
 
 /// The settings with which other light is found, or a bake made where nothing is remembered and that is asked for.
@@ -145,6 +160,30 @@ fn relit(settings: &Settings, work: &Work, loaded: &Loaded) -> Result<Settings> 
     }
 }
 
+/// Notes what the bake of `file` was of, for the next one.
+fn remember_state(store: &Store, file: &Path, scene: &Scene, atlas: &Atlas) -> Result<()> {
+    if store.is_none() {
+        return Ok(());
+    }
+    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
+    let state = State::new(scene, atlas, base);
+    let sections = state.sections();
+    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
+    if let Err(error) = store.write(STATE, state_key(file), &sections) {
+        store.warn("cache", error);
+    }
+    Ok(())
+}
+
+/// The key under which the state of the last bake of `file` stands.
+fn state_key(file: &Path) -> Key {
+    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    Key::of("state", |hasher| hasher.add_str(&file.to_string_lossy()))
+}
+
+/// The kind of entries by which bakes of one file know what the last one was of.
+const STATE: &str = "state";
+
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
 fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
     let scene = &loaded.scene;
@@ -152,7 +191,7 @@ fn refuse_darkness(loaded: &Loaded, settings: &Settings) -> Result<()> {
     let message = match (scene.has_light(), is_live, settings.layers.is_empty()) {
         (true, ..) | (false, true, false) => return Ok(()),
         (false, true, true) => "every light is dynamic, so that nothing would be baked; bake some, or ask for --layers",
-        (false, false, _) => "the scene has no light; give it a sky with --sky R,G,B or --environment FILE, or a --sun",
+        (false, false, _) => added_light::NO_LIGHT,
     };
     Err(Error::invalid(loaded.path().display(), message))
 }
@@ -245,6 +284,11 @@ fn warn_of_doubts(report: &mut Report, settings: &Settings) {
     if let Some(residual) = report.solver.as_ref().map(|s| s.residual).filter(|r| is_free && *r > RESIDUAL) {
         let message = "the solver stopped before it converged; albedos this high keep light for very long";
         report.warnings.add(format!("residual {:.2} %", 100.0 * residual), message);
+    }
+    if report.energy.lost_share() > MOST_LOST {
+        let message = "ends on mirrors and glass: beside --caustics those that are double-sided mirrors, and all under a sky, are black to what \
+                       comes to them off other surfaces; --method photon or path sends it on";
+        report.warnings.add(format!("up to {:.1} % of the light", 100.0 * report.energy.lost_share()), message);
     }
     // Where light escapes is seen by the same samples: few of them say little.
     let is_sampled = settings.samples.is_none_or(|n| n >= LEAST_SAMPLES);

@@ -12,10 +12,15 @@ pub trait Progress: Sync {
     /// True once the caller wants the run to end. Stages look at it at least every 100 ms.
     fn cancelled(&self) -> bool;
 
-    /// Time since the run began, as far as it is known.
-    fn elapsed(&self) -> Duration {
-        Duration::ZERO
-    }
+    /// Time since the run began; zero where it isn't known. Without a default, so that no sink forgets it: budgets of time are kept by
+    /// it.
+    fn elapsed(&self) -> Duration;
+
+    /// The current stage ends once [`elapsed`](Self::elapsed) says `end`, however much of it is done by then.
+    fn ends_at(&self, _end: Duration) {}
+
+    /// What lies in the place of the result by now, in words, should the run be interrupted.
+    fn keeps(&self, _what: &str) {}
 
     /// `Err(Cancelled)` once the caller wants the run to end.
     fn check(&self) -> Result<()> {
@@ -31,5 +36,8 @@ impl Progress for Silent {
     fn advance(&self, _: u64) {}
     fn cancelled(&self) -> bool {
         false
+    }
+    fn elapsed(&self) -> Duration {
+        Duration::ZERO
     }
 }

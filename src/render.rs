@@ -1,25 +1,30 @@
 //! Pictures of a scene through a camera, by any of the methods that follow rays.
 
+mod camera;
+mod hurry;
+mod output;
+
 use crate::added_light;
-use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
 use crate::integrate::World;
 use crate::light::Lights;
-use crate::load::baked::{BakedLight, baked_light};
+use crate::limits;
+use crate::load::baked::{BakedLight, add_sky, baked_light};
 use crate::load::{self, Loaded};
 use crate::measure::{measure, measure_bake};
 use crate::medium::Media;
 use crate::progress::Progress;
+use crate::report::Clock;
 use crate::scatter::{self, Scattering, Surfaces};
 use crate::scene::{Camera, Scene};
 use crate::sensor::{Film, View};
 use crate::settings::Settings;
 use crate::trace::Tracer;
-use crate::write::output::Staging;
-use crate::write::picture::{Tone, write_picture};
+use camera::choose;
 use glam::Vec3;
+use hurry::Hurry;
+use output::Output;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 /// A picture as it is asked for.
 #[derive(Clone, Debug)]
@@ -61,10 +66,13 @@ pub enum LightChoice {
 #[derive(Clone, Debug)]
 pub struct Rendered {
     pub size: [u32; 2],
-    /// Walks from each pixel.
+    /// Walks from each pixel, or from each square of pixels.
     pub samples: u64,
-    /// Root mean square of the pixels' standard errors over their mean.
-    pub noise: f64,
+    /// Side of the squares that are sampled as one [pixels]: 1, unless the time was too short for a sample of each pixel.
+    pub side: u32,
+    /// Root mean square of the pixels' standard errors over their mean; `None` where nothing is known of them: of one sample, or of a
+    /// black picture.
+    pub noise: Option<f64>,
     /// The picture and its tone-mapped form.
     pub files: [PathBuf; 2],
     pub warnings: Warnings,
@@ -73,14 +81,12 @@ pub struct Rendered {
 /// The ratio of width to height where neither a camera nor a height says one.
 const ASPECT: f32 = 16.0 / 9.0;
 
-/// The least time from one preview to the next.
-const PREVIEW: Duration = Duration::from_secs(2);
-
 /// Takes a picture of the scene file `scene`, and writes it to `output` (.exr), and as a PNG of the same name beside it: as it grows, and
-/// at the end.
+/// at the end. The folder is made where it is missing.
 ///
 /// # Errors
-/// Those of the loader; `Invalid` where there is no such camera, nothing shines or a file is in the way; `Io`; `Cancelled`.
+/// Those of the loader; `Invalid` where there is no such camera, nothing shines, the picture takes more memory than there is, or a file is in
+/// the way; `Io`; `Cancelled`: what was written by then stays.
 pub fn render(
     scene: &Path,
     output: &Path,
@@ -88,24 +94,58 @@ pub fn render(
     picture: &Picture,
     progress: &dyn Progress,
 ) -> Result<Rendered> {
+    // Budgets of time are kept by this clock, whether the caller's progress knows the time or not.
+    let clock = Clock::new(progress);
     settings.check()?;
-    progress.begin("load", 0);
+    clock.begin("load", 0);
     let mut loaded = load::load_with(scene, &settings.load_options())?;
     added_light::add(&mut loaded, settings)?;
-    let camera = choose(&loaded, &picture.camera)?;
+    add_sky(&mut loaded, picture.light != LightChoice::Any)?;
+    let camera = choose(&mut loaded, &picture.camera)?;
     let size = size(&camera, picture);
-    if loaded.scene.surfaces.is_empty() && !loaded.scene.has_light() {
-        return Err(Error::invalid(scene.display(), "the scene is empty; there is nothing to see"));
-    }
     let bake = bake(&mut loaded, picture.light)?;
+    limits::check_picture(&loaded, size, settings)?;
+    if bake.is_none() {
+        refuse_darkness(&loaded)?;
+    }
     refuse_input(&loaded, output)?;
     let view = View::new(camera, size[0], size[1]);
-    let result = Output::new(output, size, picture.exposure)?;
-    let gathers = picture.light == LightChoice::Gathered;
-    let film =
-        expose(&mut loaded.scene, &view, settings, bake.as_ref().map(|light| (light, gathers)), &result, progress)?;
-    result.write(&film)?;
-    Ok(Rendered { size, samples: film.passes(), noise: film.noise(), files: result.files, warnings: loaded.warnings })
+    let mut result = Output::new(output, size, picture.exposure)?;
+    let bake = bake.as_ref().map(|light| (light, picture.light == LightChoice::Gathered));
+    let (film, side) = expose(&mut loaded.scene, &view, settings, bake, &mut result, &clock)?;
+    clock.begin("write", 0);
+    result.write(&film, view.in_squares(side).size(), &clock)?;
+    let mut warnings = loaded.warnings;
+    warn(&film, side, &mut warnings);
+    let noise = film.knows_noise().then(|| film.noise());
+    Ok(Rendered { size, samples: film.passes(), side, noise, files: result.files, warnings })
+}
+
+/// Refuses a scene in which nothing shines, as a bake does; what a bake leaves to the engine shines in a picture.
+fn refuse_darkness(loaded: &Loaded) -> Result<()> {
+    let scene = &loaded.scene;
+    let shines = scene.has_light() || !scene.lights.is_empty() || scene.environment.is_some();
+    match (shines, scene.surfaces.is_empty()) {
+        (true, _) => Ok(()),
+        (false, true) => Err(Error::invalid(loaded.path().display(), "the scene is empty; there is nothing to see")),
+        (false, false) => Err(Error::invalid(loaded.path().display(), added_light::NO_LIGHT)),
+    }
+}
+
+/// Says where a picture is not what was hoped for.
+fn warn(film: &Film, side: u32, warnings: &mut Warnings) {
+    if film.is_black() {
+        let message = "the camera sees nothing that is lit; see where it stands and what shines with `lumel inspect`, or give another \
+                       --camera";
+        warnings.add("picture", message);
+    }
+    if side > 1 {
+        let message = format!(
+            "the time is too short for a sample of each pixel: squares of {side} x {side} pixels were sampled as one; give more time, or a \
+             smaller --size"
+        );
+        warnings.add("--time-budget", message);
+    }
 }
 
 /// The bake that is to be seen.
@@ -121,15 +161,16 @@ fn bake(loaded: &mut Loaded, choice: LightChoice) -> Result<Option<BakedLight>> 
     Ok(light)
 }
 
-/// What the view measures, shown as it grows; of a bake, by a final gather or as it is.
+/// What the view measures, shown as it grows; of a bake, by a final gather or as it is. With the side of the squares of pixels that are
+/// sampled as one, where there is no time for each.
 fn expose(
     scene: &mut Scene,
     view: &View,
     settings: &Settings,
     bake: Option<(&BakedLight, bool)>,
-    output: &Output,
+    output: &mut Output,
     progress: &dyn Progress,
-) -> Result<Film> {
+) -> Result<(Film, u32)> {
     // A bake knows diffuse surfaces alone.
     let surfaces = if bake.is_some() { Surfaces::Diffuse } else { settings.surfaces };
     scatter::adapt(scene, surfaces);
@@ -140,46 +181,21 @@ fn expose(
     let scattering = Scattering::new(scene, surfaces);
     let media = Media::new(scene);
     let world = World::new(scene, &tracer, &lights, &scattering, &media);
-    let mut shown = Instant::now();
-    let show = |film: &Film| {
-        if shown.elapsed() < PREVIEW {
-            return Ok(());
+    let mut take = |view: &View, progress: &dyn Progress| {
+        let show = |film: &Film| output.show(film, view.size(), progress);
+        match bake {
+            Some((light, gathers)) => measure_bake(&world, light, view, gathers, settings, progress, show),
+            None => measure(&world, view, settings, progress, show),
         }
-        shown = Instant::now();
-        output.write(film)
     };
-    match bake {
-        Some((light, gathers)) => measure_bake(&world, light, view, gathers, settings, progress, show),
-        None => measure(&world, view, settings, progress, show),
-    }
-}
-
-/// The camera that is asked for.
-fn choose(loaded: &Loaded, choice: &CameraChoice) -> Result<Camera> {
-    let scene = &loaded.scene;
-    let names = || scene.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
-    match choice {
-        CameraChoice::At(eye, target, angle) => Camera::look_at(*eye, *target, angle.to_radians()).ok_or_else(|| {
-            Error::invalid("--camera", "looks nowhere: give two places, and an angle of more than 0 and less than 180")
-        }),
-        CameraChoice::First => scene.cameras.first().cloned().ok_or_else(|| {
-            let [low, high] = scene.bounds().unwrap_or_default();
-            let message = format!(
-                "the scene has no camera; give one with --camera X,Y,Z,TARGET_X,TARGET_Y,TARGET_Z,ANGLE (the scene reaches from \
-                 {low:.2} to {high:.2} m, Y up)"
-            );
-            Error::invalid(loaded.path().display(), message)
-        }),
-        CameraChoice::Named(name) => {
-            let is_named = |c: &&Camera| c.name == *name || c.name.rsplit('/').next() == Some(name);
-            scene.cameras.iter().find(is_named).cloned().ok_or_else(|| {
-                let message = match scene.cameras.is_empty() {
-                    true => format!("there is no camera {name}, nor any other; give places and an angle"),
-                    false => format!("there is no camera {name}; there are: {}", names()),
-                };
-                Error::invalid(loaded.path().display(), message)
-            })
+    let pixels = view.size().map(u64::from).iter().product();
+    let hurry = Hurry::new(progress, settings.time_budget, pixels);
+    match take(view, &hurry) {
+        Err(Error::Cancelled) if !progress.cancelled() => {
+            let side = hurry.side();
+            take(&view.in_squares(side), progress).map(|film| (film, side))
         }
+        taken => taken.map(|film| (film, 1)),
     }
 }
 
@@ -202,37 +218,4 @@ fn refuse_input(loaded: &Loaded, output: &Path) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// Where a picture goes.
-struct Output {
-    folder: PathBuf,
-    files: [PathBuf; 2],
-    size: [u32; 2],
-    exposure: f32,
-}
-
-impl Output {
-    /// Makes sure that the folder can be written.
-    fn new(output: &Path, size: [u32; 2], exposure: f32) -> Result<Self> {
-        let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_path_buf();
-        if output.file_name().is_none() || output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
-            return Err(Error::invalid(output.display(), "is no .exr file; give one with -o"));
-        }
-        if !folder.is_dir() {
-            return Err(Error::invalid(folder.display(), "is no folder; make it first, or give another file with -o"));
-        }
-        Staging::new(&folder)?;
-        Ok(Self { folder, files: [output.to_path_buf(), output.with_extension("png")], size, exposure })
-    }
-
-    /// Puts what is on `film` in the place of what was there.
-    fn write(&self, film: &Film) -> Result<()> {
-        let rgb: Vec<Rgb> = film.mean();
-        let mut staging = Staging::new(&self.folder)?;
-        let mut place = |file: &PathBuf| staging.path(file.file_name().unwrap_or_default());
-        let (exr, png) = (place(&self.files[0])?, place(&self.files[1])?);
-        write_picture(&exr, &png, self.size, &rgb, Tone::of(&rgb, self.exposure))?;
-        staging.commit()
-    }
 }

@@ -231,6 +231,11 @@ pub struct SolverReport {
 }
 
 impl Report {
+    /// Whether the light may have been found by one pass of a method that follows rays.
+    fn may_be_one_pass(&self) -> bool {
+        self.solver.is_none() && (self.settings.samples == Some(1) || self.settings.time_budget.is_some())
+    }
+
     /// The result in a few lines for people.
     pub fn summary(&self) -> Vec<String> {
         let pages: Vec<String> = self.pages.iter().map(|p| format!("{} x {}", p.width, p.height)).collect();
@@ -258,6 +263,8 @@ impl Report {
             let noise = match (&self.error, self.settings.gather()) {
                 (Some(error), _) => format!("estimated error {:.2} %", error.estimated),
                 (None, Gather::None) => "noise not measured".to_string(),
+                // One pass tells none.
+                _ if self.noise == 0.0 && self.may_be_one_pass() => "noise unknown".to_string(),
                 _ => format!("noise {noise:.2} %"),
             };
             match (self.energy.is_empty(), self.mixed.is_some()) {
@@ -398,6 +405,13 @@ impl Progress for Clock<'_> {
     fn elapsed(&self) -> std::time::Duration {
         self.start.elapsed()
     }
+    fn ends_at(&self, end: std::time::Duration) {
+        // The listener's own clock may have begun before this one.
+        self.progress.ends_at(end + self.progress.elapsed().saturating_sub(self.elapsed()));
+    }
+    fn keeps(&self, what: &str) {
+        self.progress.keeps(what);
+    }
 }
 
 /// Refuses to write over the bake of another scene.
@@ -427,4 +441,14 @@ pub fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+/// The memory that this process may have at most: the machine's, or that of its control group (version 2 or 1) [bytes].
+pub fn machine_memory() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
+    let machine = line.split_whitespace().nth(1)?.parse::<u64>().ok()?.saturating_mul(1024);
+    let limits = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+    let read = |file: &&str| std::fs::read_to_string(file).ok()?.trim().parse::<u64>().ok();
+    Some(limits.iter().filter_map(read).fold(machine, u64::min))
 }

@@ -8,6 +8,7 @@
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::store::{Entry, Hasher, Key, Store};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -49,6 +50,15 @@ impl TryFrom<String> for Shard {
             _ => Err(format!("`{text}` is no shard, as 1/8 to 8/8 are (at most {MOST_SHARDS})")),
         }
     }
+}
+
+/// What is otherwise than in a bake before, of surfaces that are the same ones.
+#[derive(Clone, Debug, Default)]
+pub struct Change {
+    /// Which surfaces have changed or moved.
+    pub surfaces: Vec<bool>,
+    /// The boxes around each of them, before and now: lowest and highest corners [m].
+    pub boxes: Vec<[Vec3; 2]>,
 }
 
 /// A result that can be stored.
@@ -94,6 +104,16 @@ pub struct Work<'a> {
     is_full: AtomicBool,
     /// By kind: how many results were asked for, and made.
     counts: Mutex<BTreeMap<String, [u64; 2]>>,
+    /// What the results of the bake before depended on, and what has changed since.
+    before: Option<(Key, Change)>,
+}
+
+/// The key of a result of `kind` that depends on `base` and on what `add` adds.
+fn key(kind: &str, base: Key, add: impl FnOnce(&mut Hasher)) -> Key {
+    Key::of(kind, |hasher| {
+        hasher.add_key(base);
+        add(hasher);
+    })
 }
 
 impl<'a> Work<'a> {
@@ -101,14 +121,28 @@ impl<'a> Work<'a> {
     pub fn unstored() -> Self {
         let base = Key::from_bytes([0; Key::BYTES]);
         let (since, is_full) = (Instant::now(), AtomicBool::new(false));
-        Self { store: None, base, shard: None, apart: Duration::MAX, since, is_full, counts: Mutex::default() }
+        Self {
+            store: None,
+            base,
+            shard: None,
+            apart: Duration::MAX,
+            since,
+            is_full,
+            before: None,
+            counts: Mutex::default(),
+        }
     }
 
     /// For results that all depend on `base`. Parts are put down once work has taken `apart`, or at once where others wait for them.
     pub fn new(store: &'a Store, base: Key, shard: Option<Shard>, apart: Duration) -> Self {
         let store = Some(store).filter(|store| !store.is_none());
         let (since, is_full) = (Instant::now(), AtomicBool::new(false));
-        Self { store, base, shard, apart, since, is_full, counts: Mutex::default() }
+        Self { store, base, shard, apart, since, is_full, before: None, counts: Mutex::default() }
+    }
+
+    /// The same, which can start from results that depended on `base`, where no more than `change` has changed since.
+    pub fn after(self, base: Key, change: Change) -> Self {
+        Self { before: Some((base, change)), ..self }
     }
 
     /// Results that were wanted so far, by kind; none without a store.
@@ -135,10 +169,17 @@ impl<'a> Work<'a> {
     }
 
     fn key(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Key {
-        Key::of(kind, |hasher| {
-            hasher.add_key(self.base);
-            add(hasher);
-        })
+        key(kind, self.base, add)
+    }
+
+    /// As [`find`](Self::find), of the bake before, and what has changed since.
+    ///
+    /// # Errors
+    /// `Io` where the store can't be read.
+    pub fn find_before<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<(T, &Change)>> {
+        let (Some(store), Some((base, change))) = (self.store, &self.before) else { return Ok(None) };
+        let entry = store.read(kind, key(kind, *base, add))?;
+        Ok(entry.as_ref().and_then(T::restore).map(|found| (found, change)))
     }
 
     /// The result of `kind` that depends on the base and on what `add` adds, where there is one.

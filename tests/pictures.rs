@@ -10,14 +10,16 @@ use lumel::integrate::World;
 use lumel::light::Lights;
 use lumel::measure::measure;
 use lumel::medium::Media;
+use lumel::pipeline;
 use lumel::progress::Silent;
 use lumel::render::{CameraChoice, LightChoice, Picture, render};
 use lumel::scatter::{self, Scattering, Surfaces};
 use lumel::scene::appearance::{Appearance, Dielectric, Walls};
-use lumel::scene::{Camera, Light, LightShape, Material, Medium, MediumShape, Scene};
+use lumel::scene::{Camera, Light, LightShape, Material, Medium, MediumShape, Projection, Scene};
 use lumel::sensor::{Film, View};
-use lumel::settings::{Method, Quality, Settings};
+use lumel::settings::{Method, Quality, Settings, SkySetting};
 use lumel::trace::Tracer;
+use lumel::unwrap::{Atlas, unwrap};
 use support::{Quad, atlas, bake, draft, mesh_scene, room, scene, sphere};
 
 fn by(method: Method, samples: u32) -> Settings {
@@ -205,6 +207,21 @@ fn fog_dims_what_lies_behind_it() {
 }
 
 #[test]
+fn methods_that_know_no_media_name_those_that_do() {
+    let mut scene = furnace();
+    scene.media.push(Medium { scattering: Rgb::ONE, ..Medium::new("mist", MediumShape::Scene) });
+    let (tracer, lights) = (Tracer::new(&scene), Lights::new(&scene));
+    let (scattering, media) = (Scattering::new(&scene, Surfaces::Full), Media::new(&scene));
+    let world = World::new(&scene, &tracer, &lights, &scattering, &media);
+    let camera = Camera::look_at(Vec3::ONE, Vec3::ZERO, 1.0).unwrap();
+    let view = View::new(camera, 2, 2);
+    for method in [Method::Ray, Method::Bidirectional, Method::Metropolis] {
+        let error = measure(&world, &view, &by(method, 1), &Silent, |_| Ok(())).unwrap_err().to_string();
+        assert!(error.contains("mist") && error.contains("path or photon"), "{error}");
+    }
+}
+
+#[test]
 fn even_fog_in_a_furnace_is_not_seen() {
     let mut scene = furnace();
     let medium = Medium::new("fog", MediumShape::Scene);
@@ -277,4 +294,177 @@ def Camera "above"
     std::fs::remove_dir_all(&folder).unwrap();
     assert_eq!((taken.size, png.dimensions()), ([16, 8], (16, 8)), "as the camera's aperture is");
     assert!(png.pixels().all(|p| p.0[0] > 60), "the floor fills the picture, and is lit: {:?}", png.get_pixel(0, 0));
+}
+
+/// A floor that fills what the first of two cameras of one name sees; the second looks away. The first has a lens and an offset, which
+/// a GLB has no form for.
+const WATCHED: &str = r#"#usda 1.0
+( metersPerUnit = 1
+  upAxis = "Y" )
+def Mesh "floor"
+{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)]
+    color3f[] primvars:displayColor = [(0.5, 0.5, 0.5)] ( interpolation = "constant" )
+}
+def Scope "a"
+{
+    def Camera "eye"
+    {
+        float horizontalAperture = 20
+        float verticalAperture = 10
+        float focalLength = 20
+        double3 xformOp:translate = (0.1, 0.8, 0.2)
+        float xformOp:rotateX = -90
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
+    }
+}
+def Scope "b"
+{
+    def Camera "eye"
+    {
+        token projection = "orthographic"
+        float horizontalAperture = 30
+        float verticalAperture = 10
+        double3 xformOp:translate = (0, 3, 2)
+        float3 xformOp:rotateXYZ = (-20, 30, 10)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+    }
+}
+"#;
+
+/// Bakes [`WATCHED`] by `settings` in a folder of its own, and gives `judge` the scene file and the GLB.
+fn with_watched(name: &str, settings: &Settings, judge: impl FnOnce(&std::path::Path, &std::path::Path)) {
+    let folder = std::env::temp_dir().join(format!("lumel-pictures-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let scene = folder.join("watched.usda");
+    std::fs::write(&scene, WATCHED).unwrap();
+    let baked = folder.join("baked");
+    pipeline::bake(&scene, &baked, settings, &Silent).unwrap();
+    judge(&scene, &baked.join("watched.glb"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+fn watched(camera: CameraChoice, light: LightChoice) -> Picture {
+    Picture { camera, width: 16, height: None, light, exposure: 0.0 }
+}
+
+#[test]
+fn cameras_of_a_stage_are_in_its_glb() {
+    let sky = Some(SkySetting::Constant([1.0; 3]));
+    with_watched("cameras", &Settings { sky, ..draft() }, |scene, glb| {
+        let [of_stage, of_glb] = [scene, glb].map(|file| lumel::load::load(file).unwrap().scene.cameras);
+        assert_eq!((of_stage.len(), of_glb.len()), (2, 2));
+        for (a, b) in of_stage.iter().zip(&of_glb) {
+            assert_eq!(a.name, b.name);
+            assert!(a.position.distance(b.position) < 1e-6);
+            assert!(a.world_from_camera.abs_diff_eq(b.world_from_camera, 1e-5), "{b:?}");
+            assert!((a.aspect.unwrap() - b.aspect.unwrap()).abs() < 1e-5, "{b:?}");
+            let half = |camera: &Camera| match camera.projection {
+                Projection::Perspective { half_height, .. } => (0, half_height),
+                Projection::Orthographic { half_height } => (1, half_height),
+            };
+            assert!(half(a).0 == half(b).0 && (half(a).1 - half(b).1).abs() < 1e-5, "{b:?}");
+        }
+        let output = scene.with_file_name("a.exr");
+        let named = watched(CameraChoice::Named("eye".into()), LightChoice::Any);
+        let taken = render(glb, &output, &by(Method::Path, 1), &named, &Silent).unwrap();
+        let said: Vec<&str> = taken.warnings.iter().map(|w| w.message.as_str()).collect();
+        assert!(
+            said.iter().any(|m| m.starts_with("2 cameras have this name") && m.contains("/a/eye was taken")),
+            "{said:?}"
+        );
+        let whole = watched(CameraChoice::Named("/b/eye".into()), LightChoice::Any);
+        let taken = render(glb, &output, &by(Method::Path, 1), &whole, &Silent).unwrap();
+        assert!(!taken.warnings.iter().any(|w| w.message.contains("have this name")), "a whole name is one camera's");
+    });
+}
+
+#[test]
+fn the_sky_of_a_bake_lights_pictures_of_its_glb() {
+    let sky = Some(SkySetting::Constant([4.0, 2.0, 1.0]));
+    with_watched("sky", &Settings { sky, ..draft() }, |scene, glb| {
+        let output = scene.with_file_name("a.exr");
+        for light in [LightChoice::Traced, LightChoice::Gathered] {
+            let taken =
+                render(glb, &output, &by(Method::Path, 64), &watched(CameraChoice::First, light), &Silent).unwrap();
+            assert_eq!(taken.size, [16, 8]);
+            assert!(taken.warnings.iter().all(|w| !w.message.contains("sky")), "{:?}", taken.warnings);
+            let (mean, expected) = (mean_of(&output), Rgb::new(2.0, 1.0, 0.5));
+            assert!((mean / expected - Rgb::ONE).abs().max_element() < 0.03, "{light:?}: {mean}");
+        }
+        let asked = Settings { sky: Some(SkySetting::Constant([1.0; 3])), ..by(Method::Path, 64) };
+        render(glb, &output, &asked, &watched(CameraChoice::First, LightChoice::Traced), &Silent).unwrap();
+        assert!((mean_of(&output) / 0.5 - Rgb::ONE).abs().max_element() < 0.03, "a sky that is given comes first");
+    });
+}
+
+#[test]
+fn a_sky_that_a_glb_cannot_hold_is_named() {
+    let settings =
+        Settings { sky: Some(SkySetting::Clear { turbidity: 3.0 }), sun: Some([40.0, 180.0, 1e5]), ..draft() };
+    with_watched("clear-sky", &settings, |scene, glb| {
+        let output = scene.with_file_name("a.exr");
+        let said = |light: LightChoice| {
+            let taken = render(glb, &output, &by(Method::Path, 1), &watched(CameraChoice::First, light), &Silent);
+            taken.unwrap().warnings.iter().map(|w| w.message.clone()).collect::<Vec<_>>().join("; ")
+        };
+        let traced = said(LightChoice::Traced);
+        assert!(
+            traced.contains("(--sky clear) isn't in the file") && traced.contains("give it with --sky"),
+            "{traced}"
+        );
+        assert!(said(LightChoice::Gathered).contains("(--sky clear) isn't in the file"));
+        assert!(!said(LightChoice::Any).contains("isn't in the file"), "the lightmaps hold its light");
+    });
+}
+
+/// An atlas of one page.
+fn unwrapped(scene: &Scene, resolution: u32) -> Atlas {
+    let settings = Settings { resolution: Some(resolution), ..draft() };
+    unwrap(scene, &settings.unwrap_params(), &Silent).unwrap().0
+}
+
+/// The mean of a picture.
+fn mean_of(exr: &std::path::Path) -> Rgb {
+    let picture = image::open(exr).unwrap().to_rgb32f();
+    let sum: Rgb = picture.pixels().map(|p| Rgb::from(p.0)).sum();
+    sum / (picture.width() * picture.height()) as f32
+}
+
+#[test]
+fn caustics_lose_no_light_on_glass_and_mirrors() {
+    // A large ball in a closed room, which sends on what comes to it off the walls, too.
+    let mut quads: Vec<Quad> = room([2., 2., 2.]).into_iter().map(|q| q.albedo(0.75)).collect();
+    quads.push(Quad::new([0.6, 1.98, 0.6], [0.8, 0., 0.], [0., 0., 0.8]).albedo(0.0).emission(10.0));
+    for (name, mut look) in [("glass", glass(0.0)), ("mirror", metal(0.0))] {
+        if name == "mirror" {
+            // As readers have metals: their base colour stands in.
+            look.albedo = Rgb::ONE;
+        }
+        let mut scene = scene(&quads);
+        add_ball(&mut scene, [1.0, 0.8, 1.0], 0.6, look);
+        let mut lit_by_sky = scene.clone();
+        lit_by_sky.environment = Some(lumel::scene::Environment::constant("sky", Rgb::splat(1e-6)));
+        let radiosity = |mut scene: Scene| {
+            scatter::adapt_for_caustics(&mut scene);
+            let settings = Settings { caustics: true, quality: Quality::Medium, ..draft() };
+            bake(&scene, &unwrapped(&scene, 160), &settings)
+        };
+        let (found, black) = (radiosity(scene.clone()), radiosity(lit_by_sky));
+        let mut traced = scene.clone();
+        scatter::adapt(&mut traced, Surfaces::Full);
+        let reference = bake(&traced, &unwrapped(&traced, 48), &by(Method::Path, 512));
+        // The walls, floor and ceiling.
+        let mean = |baked: &Illuminated| surface_means(baked, 6).iter().sum::<f32>() / 6.0;
+        let [off, off_black] = [&found, &black].map(|baked| mean(baked) / mean(&reference) - 1.0);
+        let (balance, lost) = (&found.energy, black.energy.lost_share());
+        println!("{name}: {off:+.4}, black {off_black:+.4}, imbalance {:+.4}, lost {lost:.4}", balance.imbalance);
+        assert!(off.abs() < 0.02, "{name}: {off}");
+        assert!(balance.imbalance.abs() < 0.02 && black.energy.imbalance.abs() < 0.02, "{name}: {balance:?}");
+        assert_eq!(balance.lost_share(), 0.0, "{name}");
+        // Nothing is hidden where they are black: what is lost is told, about as much as the walls lack.
+        assert!(off_black < -0.03 && lost > 0.03, "{name}: {off_black}, {lost}");
+    }
 }

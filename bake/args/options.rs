@@ -63,7 +63,7 @@ pub struct LimitArgs {
     /// Refuse more texels than this [default: no limit]
     #[arg(long, value_name = "N")]
     pub max_texels: Option<u64>,
-    /// Refuse what would take more memory than this, by an estimate: 4G, 512M [bytes; default: no limit]
+    /// Refuse what would take more memory than this, by an estimate: 4G, 512M [bytes; default: no limit; of pictures the machine's memory]
     #[arg(long, value_name = "BYTES")]
     pub max_memory: Option<String>,
 }
@@ -232,8 +232,8 @@ pub struct EffortArgs {
     /// What of materials methods other than radiosity see: all, or the diffuse stand-ins that radiosity bakes [default: full]
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(["full", "diffuse"]))]
     pub surfaces: Option<String>,
-    /// Add light that comes from lights over mirrors and glass alone to the direct light of radiosity, by photons; mirrors and
-    /// glass send on nothing else then [default: false]
+    /// Add light that comes from lights over mirrors and glass alone to the direct light of radiosity, by photons; what
+    /// comes to mirrors and glass off other surfaces they send on diffusely, under a sky not at all [default: false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
     pub caustics: Option<bool>,
     /// Stop at this estimated error: noise and bias together, root mean square over the mean light, against the texels' area
@@ -412,7 +412,7 @@ pub struct WalkArgs {
     /// Samples of each pixel [1..65536; default: 64, or as many as the time budget allows]
     #[arg(long, value_name = "N")]
     pub samples: Option<u32>,
-    /// Stop after this time; the picture then depends on the machine [s; 0.1..1000000]
+    /// End with this time, reading and writing included; where it is too short for a sample of each pixel, squares of pixels are sampled; the picture then depends on the machine [s; 0.1..1000000]
     #[arg(long, value_name = "SECONDS")]
     pub time_budget: Option<f64>,
     /// Reflections counted; 0: direct light only [0..100; default: all]

@@ -113,22 +113,8 @@ impl<'a> Field<'a> {
         if !is_there {
             return Err(unlike());
         }
-        let mut field = Self {
-            lit,
-            params,
-            around: Vec::new(),
-            sampled,
-            irradiance: kept.irradiance.clone(),
-            sent: sent(lit, direct, params),
-            on_backs: BackLight { of_block: vec![None; n - fronts], ..BackLight::default() },
-            base: vec![Rgb::ZERO; n],
-            bright: None,
-            swept: Swept::default(),
-            rays: kept.rays,
-            work,
-            step: 0,
-            blocks,
-        };
+        let irradiance = kept.irradiance.clone();
+        let mut field = Self { rays: kept.rays, ..Self::with(lit, direct, params, blocks, sampled, irradiance, work) };
         match on_backs {
             Some(on_backs) => field.on_backs = on_backs,
             None => {
@@ -136,7 +122,7 @@ impl<'a> Field<'a> {
                 field.light_back_blocks(&back_blocks, progress)?;
             }
         }
-        field.base = (0..n).into_par_iter().with_max_len(SHARE).map(|b| field.base_of(b)).collect();
+        field.find_base();
         let flux = field.flux();
         let ratio = |k: usize| if kept.flux[k] > 0.0 { (flux[k] / kept.flux[k]) as f32 } else { 1.0 };
         let ratio = Rgb::from_array(std::array::from_fn(ratio));
@@ -180,12 +166,60 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// Blocks that have `sampled` what they see, and have about the light `irradiance` [lx]; backs are dark, and what shines is not known
+    /// yet.
+    pub fn with(
+        lit: &'a Lit<'a>,
+        direct: &Direct,
+        params: &'a BlockParams,
+        blocks: Blocks,
+        sampled: Vec<Sampled>,
+        irradiance: Vec<Rgb>,
+        work: &'a Work<'a>,
+    ) -> Self {
+        let n = blocks.list.len();
+        Self {
+            lit,
+            params,
+            around: Vec::new(),
+            sampled,
+            irradiance,
+            sent: sent(lit, direct, params),
+            on_backs: BackLight { of_block: vec![None; n - blocks.fronts()], ..BackLight::default() },
+            base: vec![Rgb::ZERO; n],
+            bright: None,
+            swept: Swept::default(),
+            rays: 0,
+            work,
+            step: 0,
+            blocks,
+        }
+    }
+
+    /// True where patch `i` has a back.
+    pub fn has_back(&self, i: u32) -> bool {
+        self.blocks.back_of.get(i as usize).is_some_and(|b| *b != NONE)
+    }
+
+    /// Finds what the sky sends along the links that there are.
+    pub fn find_base(&mut self) {
+        self.base = (0..self.blocks.list.len()).into_par_iter().with_max_len(SHARE).map(|b| self.base_of(b)).collect();
+    }
+
     /// Adds `plan` samples to each half of the fronts, by block, and follows what they see of backs.
     ///
     /// # Errors
     /// `Cancelled`.
     pub fn look(&mut self, plan: &[u32], progress: &dyn Progress) -> Result<()> {
-        let mut seen = self.glance(plan, progress)?;
+        let seen = self.glance(plan, progress)?;
+        self.follow_backs(seen, progress)
+    }
+
+    /// Lights the backs of the patches `seen`, and samples what they see in turn.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn follow_backs(&mut self, mut seen: Vec<u32>, progress: &dyn Progress) -> Result<()> {
         self.light_backs(&seen, progress)?;
         let fronts = self.blocks.fronts();
         let mut plan = vec![0; self.blocks.list.len()];
@@ -280,7 +314,7 @@ impl<'a> Field<'a> {
     }
 
     /// Finds the direct light on those backs of `patches` where it isn't known yet.
-    fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
+    pub fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
         let fresh: Vec<u32> = patches.iter().copied().filter(|i| !self.on_backs.of_patch.contains_key(i)).collect();
         let found = self.arriving(self.lit, &fresh, progress)?;
         for (i, arriving) in fresh.into_iter().zip(found) {
@@ -309,7 +343,7 @@ impl<'a> Field<'a> {
     }
 
     /// Finds the mean direct light on the backs `list`.
-    fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
+    pub fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
         let found = self.arriving_at_blocks(self.lit, list, progress)?;
         let fronts = self.blocks.fronts();
         for (&b, (mean, rays)) in list.iter().zip(found) {
@@ -338,7 +372,8 @@ impl<'a> Field<'a> {
         Ok(())
     }
 
-    /// Finds what shines, and how far it reaches.
+    /// Finds what shines, and how far it reaches. Links that there are don't know how likely they would have been found by that, and are
+    /// let go.
     ///
     /// # Errors
     /// `Cancelled`.
@@ -362,10 +397,7 @@ impl<'a> Field<'a> {
         let reach = Reach::new(self.lit, &self.blocks, &guide, self.params.seed, progress)?;
         self.rays += reach.rays;
         self.bright = Some((guide, reach));
-        // Links found so far don't know how likely they would have been found by area sampling.
-        for found in &mut self.sampled {
-            *found = Sampled::default();
-        }
+        self.sampled.iter_mut().for_each(|found| *found = Sampled::default());
         Ok(())
     }
 

@@ -17,6 +17,7 @@ use super::respond::is_curved;
 use super::shoot::Sampled;
 use crate::color::Rgb;
 use crate::light::Lit;
+use crate::patch::NONE;
 use crate::sample::octahedral;
 use crate::store::Entry;
 use crate::work::Stored;
@@ -37,6 +38,10 @@ const LEAST_COS: f32 = 0.05;
 pub struct Kept {
     /// Of blocks: the gap before, the number of texels, and the level.
     pub shapes: Vec<u8>,
+    /// The patches in the order that blocks are runs of: from each to the next.
+    pub order: Vec<u8>,
+    /// Blocks that are no backs; they come first.
+    pub fronts: u32,
     /// The end of each block's bytes in `links`.
     pub ends: Vec<u32>,
     pub links: Vec<u8>,
@@ -70,6 +75,8 @@ pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -
     let (back_patches, back_blocks) = field.lit_backs();
     Kept {
         shapes: write_shapes(&blocks.list),
+        order: write_order(&blocks.order),
+        fronts: blocks.fronts() as u32,
         ends: ends.collect(),
         links: each.concat(),
         irradiance: field.irradiance.clone(),
@@ -84,6 +91,10 @@ pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -
 impl Kept {
     /// The blocks of `lit`; `None` where they aren't of the same patches.
     pub fn blocks(&self, lit: &Lit) -> Option<Blocks> {
+        Blocks::shaped(lit, &self.shapes()?)
+    }
+
+    fn shapes(&self) -> Option<Vec<Shape>> {
         let mut bits = BitReader::new(&self.shapes);
         let mut end = 0u32;
         let mut shape = |_| {
@@ -91,40 +102,126 @@ impl Kept {
             end = first.checked_add(bits.get_any()?)?;
             Some(Shape { first, end, level: bits.get_any()? })
         };
-        let shapes: Vec<Shape> = (0..self.ends.len()).map(&mut shape).collect::<Option<_>>()?;
-        Blocks::shaped(lit, &shapes)
+        (0..self.ends.len()).map(&mut shape).collect()
+    }
+
+    /// The blocks as they were, among so many patches.
+    pub fn old_blocks(&self, patches: usize) -> Option<OldBlocks> {
+        let shapes = self.shapes()?;
+        let order = read_order(&self.order, shapes.last().map_or(0, |last| last.end) as usize, patches)?;
+        let (mut front_of, mut back_of) = (vec![NONE; patches], vec![NONE; patches]);
+        for (shape, b) in shapes.iter().zip(0..) {
+            let of = if b < self.fronts { &mut front_of } else { &mut back_of };
+            let members = order.get(shape.first as usize..shape.end as usize)?;
+            members.iter().for_each(|&i| of[i as usize] = b);
+        }
+        Some(OldBlocks { shapes, order, front_of, back_of })
+    }
+
+    /// Samples of each half of block `b`.
+    pub fn samples(&self, b: usize) -> Option<u32> {
+        let mut bits = BitReader::new(self.bytes(b)?);
+        bits.get_any()?.checked_add(bits.get_any()?)
+    }
+
+    fn bytes(&self, b: usize) -> Option<&[u8]> {
+        let start = if b == 0 { 0 } else { *self.ends.get(b - 1)? as usize };
+        self.links.get(start..*self.ends.get(b)? as usize)
     }
 
     /// What each of `blocks` has seen; `None` where that can't be, and what is kept is of something else.
     pub fn sampled(&self, lit: &Lit, blocks: &Blocks) -> Option<Vec<Sampled>> {
-        let shares = std::array::from_fn(|step| (-(step as f32) / STEPS).exp2());
-        let read = |b: usize| {
-            let start = if b == 0 { 0 } else { self.ends[b - 1] as usize };
-            let bits = BitReader::new(self.links.get(start..self.ends[b] as usize)?);
-            Reading { bits, block: &blocks.list[b], lit, shares: &shares }.sampled()
-        };
-        (0..self.ends.len()).into_par_iter().with_max_len(SHARE).map(read).collect()
+        let all: Vec<Option<usize>> = (0..self.ends.len()).map(Some).collect();
+        self.sampled_of(lit, blocks, &all)
     }
+
+    /// What each of `blocks` has seen, by the number that it has here; nothing where it has none.
+    pub fn sampled_of(&self, lit: &Lit, blocks: &Blocks, numbers: &[Option<usize>]) -> Option<Vec<Sampled>> {
+        let shares = std::array::from_fn(|step| (-(step as f32) / STEPS).exp2());
+        let read = |(block, number): (&Block, &Option<usize>)| match number {
+            None => Some(Sampled::default()),
+            Some(b) => Reading { bits: BitReader::new(self.bytes(*b)?), block, lit, shares: &shares }.sampled(),
+        };
+        blocks.list.par_iter().zip(numbers).with_max_len(SHARE).map(read).collect()
+    }
+}
+
+/// Blocks of a bake before.
+pub struct OldBlocks {
+    shapes: Vec<Shape>,
+    order: Vec<u32>,
+    front_of: Vec<u32>,
+    back_of: Vec<u32>,
+}
+
+impl OldBlocks {
+    fn of(&self, patch: usize, back: bool) -> Option<usize> {
+        let b = if back { self.back_of[patch] } else { self.front_of[patch] };
+        (b != NONE).then_some(b as usize)
+    }
+
+    /// The level of the block that patch `patch` was in.
+    pub fn level(&self, patch: usize, back: bool) -> Option<u32> {
+        self.of(patch, back).map(|b| self.shapes[b].level)
+    }
+
+    /// The block that had the first patch of block `b` of `blocks`.
+    pub fn around(&self, blocks: &Blocks, b: usize) -> Option<usize> {
+        self.of(blocks.members(b)[0] as usize, blocks.list[b].back)
+    }
+
+    /// The block that had the same patches as block `b` of `blocks`, and no others.
+    pub fn same_as(&self, blocks: &Blocks, b: usize) -> Option<usize> {
+        self.around(blocks, b).filter(|&k| {
+            let Shape { first, end, level } = self.shapes[k];
+            level == blocks.list[b].level && self.order[first as usize..end as usize] == *blocks.members(b)
+        })
+    }
+}
+
+fn write_order(order: &[u32]) -> Vec<u8> {
+    let mut bits = BitWriter::default();
+    // One after the other as a rule: how far off that is, up or down.
+    let before = std::iter::once(u32::MAX).chain(order.iter().copied());
+    order.iter().zip(before).for_each(|(i, before)| {
+        let off = i.wrapping_sub(before).wrapping_sub(1) as i32;
+        bits.put_rice(((off << 1) ^ (off >> 31)) as u32, 0);
+    });
+    bits.finish()
+}
+
+fn read_order(bytes: &[u8], count: usize, patches: usize) -> Option<Vec<u32>> {
+    let mut bits = BitReader::new(bytes);
+    let mut before = u32::MAX;
+    let next = |_| {
+        let code = bits.get_rice(0)?;
+        let off = (code >> 1) ^ (code & 1).wrapping_neg();
+        before = before.wrapping_add(off).wrapping_add(1);
+        Some(before).filter(|i| (*i as usize) < patches)
+    };
+    (0..count).map(next).collect()
 }
 
 impl Stored for Kept {
     fn sections(&self) -> Vec<Cow<'_, [u8]>> {
-        let head: Vec<u8> = [u64::from(self.gain.to_bits()), self.rays]
+        let head: Vec<u8> = [u64::from(self.gain.to_bits()), self.rays, u64::from(self.fronts)]
             .into_iter()
             .chain(self.flux.map(f64::to_bits))
             .flat_map(u64::to_le_bytes)
             .collect();
         let lists = [&self.ends, &self.back_patches, &self.back_blocks].map(|list| bytemuck::cast_slice(list));
         let light: &[u8] = bytemuck::cast_slice(&self.irradiance);
-        let bytes = [&self.shapes[..], &self.links, light].into_iter().chain(lists);
+        let bytes = [&self.shapes[..], &self.links, light].into_iter().chain(lists).chain([&self.order[..]]);
         [Cow::Owned(head)].into_iter().chain(bytes.map(Cow::Borrowed)).collect()
     }
 
     fn restore(entry: &Entry) -> Option<Self> {
-        let &[gain, rays, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
+        let &[gain, rays, fronts, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
         let list = |k: usize| Some(entry.slice::<u32>(k).ok()?.to_vec());
         Some(Self {
             shapes: entry.section(1).to_vec(),
+            order: entry.section(7).to_vec(),
+            fronts: u32::try_from(fronts).ok()?,
             links: entry.section(2).to_vec(),
             irradiance: entry.slice::<Rgb>(3).ok()?.to_vec(),
             ends: list(4)?,
@@ -313,7 +410,7 @@ impl Reading<'_> {
 }
 
 /// The direction from the middle of `block` to `position`, above its horizon.
-fn way(block: &Block, position: Vec3) -> Vec3 {
+pub fn way(block: &Block, position: Vec3) -> Vec3 {
     let direction = (position - block.centre).try_normalize().unwrap_or(block.normal);
     let below = LEAST_COS - direction.dot(block.normal);
     if below > 0.0 { (direction + block.normal * below).normalize() } else { direction }

@@ -149,6 +149,7 @@ impl<'a> Sampling<'a> {
                 None => Sight::default(),
             };
             found.weigh(&sight);
+            found.close();
             scratch.arriving = sight.expected;
             let mut backs: Vec<u32> = (found.halves.iter().zip(before[k]))
                 .flat_map(|(half, before)| half.links[before.links..].iter().map(Link::target))

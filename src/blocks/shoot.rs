@@ -10,6 +10,8 @@ use crate::patch::{Cutter, Footprint, Ground, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
 use crate::trace::{Hit, Ray, Segment};
+use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
 
 /// Normals that stand for those of a curved block.
 const MOST_NORMALS: usize = 16;
@@ -25,7 +27,7 @@ pub struct Sampled {
 }
 
 impl Sampled {
-    /// Weighs all links by the numbers of samples as they are now.
+    /// Weighs all links by the numbers of samples as they are now. Their form factors have yet to be [closed](Self::close).
     pub fn weigh(&mut self, sight: &Sight) {
         let drawn = &self.drawn;
         for half in &mut self.halves {
@@ -35,8 +37,12 @@ impl Sampled {
             half.sky_weights.clear();
             half.sky_weights.reserve_exact(half.sky.len());
             half.sky_weights.extend(half.sky.iter().map(|link| drawn.weigh_sky(sight, link)));
-            half.close(drawn);
         }
+    }
+
+    /// Scales the form factors so that they add up to 1 with what is lost.
+    pub fn close(&mut self) {
+        self.halves.iter_mut().for_each(|half| half.close(&self.drawn));
     }
 
     /// True before the first sample.
@@ -53,6 +59,18 @@ pub struct Samples<'a> {
     /// What shines, once it is known; `view` where some of it is bright to the block.
     pub guide: Option<&'a Guide>,
     pub view: Option<&'a View>,
+}
+
+/// A sample in a given direction, from somewhere on the block.
+#[derive(Clone, Copy)]
+pub struct Aimed {
+    pub half: usize,
+    /// Where on the block.
+    pub place: [f32; 2],
+    /// Unit.
+    pub direction: Vec3,
+    /// Density with which all samples together are drawn that way [1/sr].
+    pub expected: f32,
 }
 
 /// Who draws: every half of every block has its own sequences.
@@ -73,6 +91,16 @@ struct Start {
     u: [f32; 4],
 }
 
+/// What is at the end of a ray.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    /// A patch that sends light, and whether its back is seen.
+    Patch(usize, bool),
+    Sky,
+    /// Nothing that sends light.
+    Nothing,
+}
+
 /// Memory that the samples of one block after the other are drawn in.
 pub struct Scratch<'a> {
     cutter: Cutter<'a>,
@@ -89,6 +117,7 @@ pub struct Scratch<'a> {
     halves: Vec<usize>,
     blocked: Vec<bool>,
     tints: Vec<Rgb>,
+    weights: Vec<f32>,
     /// What arrives from each cluster [lx].
     pub arriving: Vec<f32>,
 }
@@ -110,6 +139,7 @@ impl<'a> Scratch<'a> {
             halves: Vec::new(),
             blocked: Vec::new(),
             tints: Vec::new(),
+            weights: Vec::new(),
             arriving: Vec::new(),
         }
     }
@@ -200,9 +230,64 @@ impl Draw<'_> {
         }
     }
 
+    /// Adds what `aimed` samples of block `b` find, with their form factors. They count as none of those that were drawn.
+    pub fn along(&self, b: usize, aimed: &[Aimed], found: &mut Sampled, scratch: &mut Scratch) {
+        let tracer = self.lit.ground.tracer;
+        let mut starts = std::mem::take(&mut scratch.starts);
+        starts.clear();
+        let start = |a: &Aimed| Start {
+            half: a.half,
+            index: 0,
+            point: SurfacePoint::NOWHERE,
+            u: [a.place[0], a.place[1], 0.0, 0.0],
+        };
+        starts.extend(aimed.iter().map(start));
+        self.place(b, &mut starts, scratch);
+        let Scratch { rays, halves, hits, tints, weights, .. } = scratch;
+        (rays.clear(), halves.clear(), weights.clear());
+        for (start, aimed) in starts.iter().zip(aimed) {
+            let cos = aimed.direction.dot(start.point.normal);
+            if cos > 0.0 {
+                let origin = tracer.off_surface(start.point.position, start.point.normal);
+                rays.push(Ray { origin, direction: aimed.direction });
+                halves.push(aimed.half);
+                weights.push(FRAC_1_PI * cos / aimed.expected);
+            }
+        }
+        hits.clear();
+        hits.resize(rays.len(), None);
+        tracer.closest_tinted(rays, hits, tints);
+        for (k, ((half, ray), hit)) in halves.iter().zip(&*rays).zip(&*hits).enumerate() {
+            let half = &mut found.halves[*half];
+            match self.seen(hit.as_ref()) {
+                Seen::Patch(patch, back) => {
+                    half.push(Link::new(patch, back, ray.direction, 0.0), tint(tints, k));
+                    half.weights.push(weights[k]);
+                }
+                Seen::Sky => {
+                    half.push_sky(SkyLink::new(ray.direction, Found::NOTHING), tint(tints, k));
+                    half.sky_weights.push(weights[k]);
+                }
+                Seen::Nothing => half.lost += 1,
+            }
+        }
+        scratch.starts = starts;
+    }
+
+    /// What a ray meets.
+    fn seen(&self, hit: Option<&Hit>) -> Seen {
+        let Some(hit) = hit else {
+            return if self.lit.lights.sky.is_some() { Seen::Sky } else { Seen::Nothing };
+        };
+        let of = if hit.back { &self.blocks.back_of } else { &self.blocks.front_of };
+        match self.lit.ground.patch_under(hit).filter(|&patch| of[patch] != NONE) {
+            Some(patch) => Seen::Patch(patch, hit.back),
+            None => Seen::Nothing,
+        }
+    }
+
     fn hemisphere(&self, starts: &[Start], guide: Option<&Guide>, found: &mut Sampled, scratch: &mut Scratch) {
         let Lit { ground, .. } = *self.lit;
-        let has_sky = self.lit.lights.sky.is_some();
         let Scratch { rays, hits, tints, .. } = scratch;
         let ray = |s: &Start| Ray {
             origin: ground.tracer.off_surface(s.point.position, s.point.normal),
@@ -216,18 +301,17 @@ impl Draw<'_> {
         for (k, ((start, ray), hit)) in starts.iter().zip(&*rays).zip(&*hits).enumerate() {
             let tint = tint(tints, k);
             let half = &mut found.halves[start.half];
+            let seen = self.seen(hit.as_ref());
+            if seen == Seen::Sky {
+                let known = guide.map_or(Found::NOTHING, |g| g.find_sky(ray.origin, ray.direction));
+                half.push_sky(SkyLink::new(ray.direction, known), tint);
+            }
             let Some(hit) = hit else {
-                if has_sky {
-                    let known = guide.map_or(Found::NOTHING, |g| g.find_sky(ray.origin, ray.direction));
-                    half.push_sky(SkyLink::new(ray.direction, known), tint);
-                } else {
-                    half.lost += 1;
-                }
+                half.lost += u32::from(seen == Seen::Nothing);
                 continue;
             };
             found.inverse_distance += 1.0 / hit.t;
-            let of = if hit.back { &self.blocks.back_of } else { &self.blocks.front_of };
-            let Some(patch) = ground.patch_under(hit).filter(|&patch| of[patch] != NONE) else {
+            let Seen::Patch(patch, _) = seen else {
                 half.lost += 1;
                 continue;
             };
@@ -316,7 +400,7 @@ impl Draw<'_> {
         glimpse(ground.scene, ground.tracer, lights, &receiver, &params)
     }
 
-    fn sequence(&self, stage: Stage, b: usize, k: usize) -> Sequence {
+    pub fn sequence(&self, stage: Stage, b: usize, k: usize) -> Sequence {
         let block = &self.blocks.list[b];
         Sequence::new(self.seed, stage, u64::from(block.first) << 8 | u64::from(block.level) << 4 | k as u64)
     }

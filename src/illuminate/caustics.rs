@@ -1,4 +1,7 @@
 //! Light over mirrors and glass, for radiosity: photons bring it to texels as if it came straight from lights.
+//!
+//! Light that comes to mirrors and glass straight from lights, or over others, is theirs to send on, and is taken off what radiosity sends on.
+//! What comes to them off diffuse surfaces radiosity sends on itself, from diffuse stand-ins ([`crate::scatter::adapt_for_caustics`]).
 
 use crate::Result;
 use crate::color::Rgb;
@@ -20,8 +23,16 @@ const PHOTONS_A_TEXEL: u64 = 64;
 const LEAST_PHOTONS: u64 = 1 << 20;
 const MOST_PHOTONS: u64 = 1 << 24;
 
-/// Adds what comes over mirrors and glass to the direct light `apart`, each part's to its own, where that is asked for;
-/// returns what of it is shown [lx], by patch, else nothing.
+/// What light over mirrors and glass changed.
+#[derive(Default)]
+pub struct Brought {
+    /// What came to each patch, of what is shown [lx]; empty where it wasn't asked for.
+    pub shown: Vec<Rgb>,
+    /// Patches of mirrors and glass, and what came to each that photons sent on [lx].
+    pub taken: Vec<(u32, Rgb)>,
+}
+
+/// Adds what comes over mirrors and glass to the direct light `apart`, each part's to its own, where that is asked for.
 ///
 /// # Errors
 /// `Unsupported` where a light sends out no photons; `Cancelled`.
@@ -31,9 +42,9 @@ pub fn add(
     apart: &mut Apart,
     settings: &Settings,
     progress: &dyn Progress,
-) -> Result<Vec<Rgb>> {
+) -> Result<Brought> {
     if !settings.caustics {
-        return Ok(Vec::new());
+        return Ok(Brought::default());
     }
     progress.begin("caustics", 0);
     let count = lit.ground.patches.len();
@@ -41,7 +52,7 @@ pub fn add(
     if parts.is_empty() {
         let found = send(lit, lit.lights, settings, progress)?;
         add_to(&mut apart.whole, &found, true);
-        return Ok(found.irradiance);
+        return Ok(Brought { shown: found.irradiance, taken: take(lit, apart) });
     }
     for (k, part) in parts.iter().enumerate() {
         let found = send(lit, &part.lights, settings, progress)?;
@@ -53,7 +64,39 @@ pub fn add(
         let sum = if is_shown { &mut shown } else { apart.left_out.get_or_insert_with(|| vec![Rgb::ZERO; count]) };
         sum.iter_mut().zip(&found.irradiance).for_each(|(sum, more)| *sum += *more);
     }
-    Ok(shown)
+    Ok(Brought { shown, taken: take(lit, apart) })
+}
+
+/// Takes what photons send on off what radiosity does, of the whole and of each part; returns the whole's, by patch of mirrors and glass.
+fn take(lit: &Lit, apart: &mut Apart) -> Vec<(u32, Rgb)> {
+    let scene = lit.ground.scene;
+    let is_single: Vec<bool> = scene
+        .materials
+        .iter()
+        .map(|material| material.appearance.as_ref().is_some_and(|look| look.is_single() && !look.is_pane()))
+        .collect();
+    let is_on = |i: &usize| {
+        lit.ground.patches.pieces(*i).next().is_some_and(|(triangle, _)| {
+            let (surface, triangle) = lit.ground.tracer.place(triangle);
+            is_single[scene.meshes[scene.surfaces[surface].mesh].triangle_material[triangle] as usize]
+        })
+    };
+    let on: Vec<usize> = (0..lit.ground.patches.len()).filter(is_on).collect();
+    let taken = on.iter().map(|&i| (i as u32, apart.whole.transport[i])).collect();
+    if !on.is_empty() {
+        std::iter::once(&mut apart.whole).chain(&mut apart.each).for_each(|direct| stop(direct, &on));
+    }
+    taken
+}
+
+/// Lets `patches` send on nothing of what `direct` brings to them; it is shown all the same.
+fn stop(direct: &mut Direct, patches: &[usize]) {
+    let shown: Vec<Rgb> = direct.shown.iter().copied().collect();
+    let mut transport = direct.transport.to_vec();
+    patches.iter().for_each(|&i| transport[i] = Rgb::ZERO);
+    let transport = Arc::new(transport);
+    direct.shown = Sparse::new(Arc::clone(&transport), shown.into_iter());
+    direct.transport = transport;
 }
 
 /// What photons of `lights` bring to texels over mirrors and glass.

@@ -1,7 +1,7 @@
 //! What of the light of a scene is remembered from bake to bake: openings of texels, the direct light of each lamp, and what blocks see.
 
 use crate::blocks::kept::Kept;
-use crate::blocks::{BlockParams, Seen, look};
+use crate::blocks::{BlockParams, Seen, look, look_again};
 use crate::color::Rgb;
 use crate::digest;
 use crate::error::{Error, Result};
@@ -14,9 +14,11 @@ use crate::patch::unocclude::{Exposure, Openings};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::store::Hasher;
+use crate::store::{Entry, Hasher, Key};
 use crate::unwrap::Atlas;
-use crate::work::Work;
+use crate::work::{Change, Stored, Work};
+use glam::Vec3;
+use std::borrow::Cow;
 
 /// What all that is remembered depends on: the ways of rays and the places of texels.
 pub fn add_base(hasher: &mut Hasher, scene: &Scene, atlas: &Atlas) {
@@ -25,14 +27,23 @@ pub fn add_base(hasher: &mut Hasher, scene: &Scene, atlas: &Atlas) {
     hasher.add_key(digest::atlas(atlas));
 }
 
+/// The kinds of results that openings of texels are, and what blocks see.
+const OPENINGS: &str = "openings";
+const LINKS: &str = "links";
+
 /// What of patches lies in the open.
 ///
 /// # Errors
 /// `Cancelled`; `Io`.
 pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) -> Result<Exposure> {
-    let find = || Openings::find(ground, seed, progress);
-    let openings = work.once("openings", |hasher| hasher.add_u64(u64::from(seed)), find)?;
-    let openings = if openings.fit(ground.patches.len()) { openings } else { find()? };
+    let add = |hasher: &mut Hasher| hasher.add_u64(u64::from(seed));
+    let fits = |openings: &Openings| openings.fit(ground.patches.len());
+    let find = || match work.find_before::<Openings>(OPENINGS, add)?.filter(|(openings, _)| fits(openings)) {
+        Some((openings, change)) => openings.find_again(ground, seed, change, progress),
+        None => Openings::find(ground, seed, progress),
+    };
+    let openings = work.once(OPENINGS, add, find)?;
+    let openings = if fits(&openings) { openings } else { find()? };
     Ok(openings.expose(ground))
 }
 
@@ -71,6 +82,10 @@ impl Memory for Lamps<'_> {
         self.work.find(DIRECT, |hasher| self.add(unit, hasher))
     }
 
+    fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>> {
+        self.work.find_before(DIRECT, |hasher| self.add(unit, hasher))
+    }
+
     fn keep(&self, unit: &[Shining], light: &KeptLight) -> Result<()> {
         self.work.keep(DIRECT, |hasher| self.add(unit, hasher), light)
     }
@@ -92,9 +107,6 @@ pub enum Look {
     /// It mustn't.
     Anew,
 }
-
-/// The kind of results that what blocks see is.
-const LINKS: &str = "links";
 
 /// Adds what links depend on beside the base; `shading`: irradiance is about interpolated normals.
 fn add_links(hasher: &mut Hasher, params: &BlockParams, shading: bool) {
@@ -122,18 +134,83 @@ pub fn see(
     progress: &dyn Progress,
 ) -> Result<Sight> {
     let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params.shading_normals);
-    let mut fresh = None;
-    let make = || -> Result<Kept> {
-        let (kept, on_backs) = look(lit, direct, params, work, progress)?.parted();
-        fresh = Some(on_backs);
-        Ok(kept)
+    let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add)? };
+    if let Some(kept) = known {
+        return Ok(Sight { seen: Seen::joined(kept, None), is_fresh: false });
+    }
+    let before = match how {
+        Look::Never => {
+            let message = "what blocks saw can't be read from the cache any more; bake anew";
+            return Err(Error::invalid("relight", message));
+        }
+        Look::Once => work.find_before::<Kept>(LINKS, add)?,
+        Look::Anew => None,
     };
-    let damaged = || Error::invalid("relight", "what blocks saw can't be read from the cache any more; bake anew");
-    let kept = match how {
-        Look::Never => work.find(LINKS, add)?.ok_or_else(damaged)?,
-        Look::Once => work.once(LINKS, add, make)?,
-        Look::Anew => work.renew(LINKS, add, make)?,
+    let again = match &before {
+        Some((kept, change)) => look_again(lit, direct, params, (kept, change), work, progress)?,
+        None => None,
     };
-    let is_fresh = fresh.is_some();
-    Ok(Sight { seen: Seen::joined(kept, fresh.flatten()), is_fresh })
+    let is_fresh = again.is_none();
+    let seen = match again {
+        Some(seen) => seen,
+        None => look(lit, direct, params, work, progress)?,
+    };
+    let (kept, on_backs) = seen.parted();
+    work.keep(LINKS, add, &kept)?;
+    Ok(Sight { seen: Seen::joined(kept, on_backs), is_fresh })
+}
+
+/// What a bake was of: what the next one compares itself with, to see what has changed.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// What its results depended on.
+    base: Key,
+    atlas: Key,
+    /// Of each surface: what it is, and the box around it [m].
+    surfaces: Vec<(Key, [Vec3; 2])>,
+}
+
+impl State {
+    /// The state of `scene` with lightmap UVs, of which results depend on `base`.
+    pub fn new(scene: &Scene, atlas: &Atlas, base: Key) -> Self {
+        let bounds = (0..scene.surfaces.len()).map(|s| scene.surface_bounds(s).unwrap_or([Vec3::ZERO; 2]));
+        Self { base, atlas: digest::atlas(atlas), surfaces: digest::surfaces(scene).into_iter().zip(bounds).collect() }
+    }
+
+    /// What is otherwise than in the bake `before`: its base, and the change; `None` where that one is of no use.
+    pub fn since(&self, before: &Self) -> Option<(Key, Change)> {
+        let is_alike = self.atlas == before.atlas && self.surfaces.len() == before.surfaces.len();
+        if !is_alike || self.base == before.base {
+            return None;
+        }
+        let mut change = Change::default();
+        for ((key, bounds), (old, old_bounds)) in self.surfaces.iter().zip(&before.surfaces) {
+            change.surfaces.push(key != old);
+            if key != old {
+                change.boxes.extend([*old_bounds, *bounds]);
+            }
+        }
+        let changed = change.boxes.len() / 2;
+        (changed > 0 && (changed as f64) <= MOST_CHANGED * self.surfaces.len() as f64).then_some((before.base, change))
+    }
+}
+
+/// Where more than this share of the surfaces has changed, all is found anew.
+const MOST_CHANGED: f64 = 0.5;
+
+impl Stored for State {
+    fn sections(&self) -> Vec<Cow<'_, [u8]>> {
+        let keys = [&self.base, &self.atlas].into_iter().chain(self.surfaces.iter().map(|s| &s.0));
+        let keys: Vec<u8> = keys.flat_map(|key| *key.as_bytes()).collect();
+        let bounds: Vec<f32> = self.surfaces.iter().flat_map(|s| s.1).flat_map(|corner| corner.to_array()).collect();
+        vec![Cow::Owned(keys), Cow::Owned(bytemuck::cast_slice(&bounds).to_vec())]
+    }
+
+    fn restore(entry: &Entry) -> Option<Self> {
+        let mut keys = entry.slice::<[u8; Key::BYTES]>(0).ok()?.iter().map(|bytes| Key::from_bytes(*bytes));
+        let (base, atlas) = (keys.next()?, keys.next()?);
+        let bounds = entry.slice::<[[f32; 3]; 2]>(1).ok()?;
+        let surfaces: Vec<_> = keys.zip(bounds.iter().map(|b| b.map(Vec3::from_array))).collect();
+        (surfaces.len() == bounds.len()).then_some(Self { base, atlas, surfaces })
+    }
 }

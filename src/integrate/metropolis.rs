@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 /// Chains, and groups of them.
 const CHAINS: usize = 64;
-const GROUPS: usize = 8;
+pub const GROUPS: usize = 8;
 
 /// Samples of each chain that the first of its states is drawn from.
 const FIRST: u32 = 512;
@@ -240,6 +240,7 @@ impl Integrator for Metropolis<'_> {
             progress.check()?;
             let count = left.min(AT_ONCE);
             left -= count;
+            progress.advance((count * CHAINS) as u64);
             let mut chains = std::mem::take(&mut self.chains);
             let records: Vec<Record> = chains.par_iter_mut().map(|chain| self.run(chain, count)).collect();
             self.chains = chains;

@@ -29,7 +29,7 @@ use rayon::prelude::*;
 
 /// A way to estimate what a sensor measures.
 pub trait Integrator {
-    /// Adds one more estimate of every pixel to `film`.
+    /// Adds one more estimate of every pixel to `film`; what it counts on the way are pixels.
     ///
     /// # Errors
     /// `Cancelled`; then `film` is as it was.
@@ -104,6 +104,7 @@ fn each(
             let mut numbers = Drawn::new(seed, Stage::Walk, pixel as u64, index);
             *value = sensor.start(pixel, &mut numbers).map_or(Rgb::ZERO, |start| walk(start, &mut numbers));
         }
+        progress.advance(values.len() as u64);
         Ok(())
     })?;
     film.add(&values);

@@ -11,6 +11,7 @@ use super::receiver::Site;
 use super::shadow::{Ballot, Examined, Look, Volley, examine, glance};
 use super::sharp_sky::add_sky;
 use super::skylight::{self, SkyLook};
+use super::touched::Kept;
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -102,7 +103,7 @@ pub(super) const MOST_ROUNDS: usize = 16;
 /// # Errors
 /// `Cancelled`.
 pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
-    direct_beside(lit, &[], progress)
+    direct_beside(lit, &[], None, progress)
 }
 
 /// About the direct light that falls on patches, added up [lm], by channel: from a first look at some of them.
@@ -135,27 +136,34 @@ pub(super) fn glimpse_flux(lit: &Lit, progress: &dyn Progress) -> Result<DVec3> 
     Ok(each.iter().sum::<DVec3>() * GLIMPSED as f64)
 }
 
-/// As [`direct`], where `beside` it there is other light [lx], by patch: shadows are looked at less closely in it. Empty: none.
+/// As [`direct`], where `beside` it there is other light [lx], by patch: shadows are looked at less closely in it. Empty: none. Of what is
+/// `kept` from before a change, that alone is found anew which the change can touch.
 ///
 /// # Errors
 /// `Cancelled`.
-pub(super) fn direct_beside(lit: &Lit, beside: &[Rgb], progress: &dyn Progress) -> Result<Direct> {
+pub(super) fn direct_beside(lit: &Lit, beside: &[Rgb], kept: Option<&Kept>, progress: &dyn Progress) -> Result<Direct> {
     let patches = lit.ground.patches;
     let has_sky = lit.lights.has_sharp_sky();
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
     let (mut arriving, mut ballots) = (Vec::with_capacity(patches.len()), Vec::with_capacity(patches.len()));
     let mut around = Vec::with_capacity(blocks.len());
-    for batch in blocks.chunks(BATCH) {
-        let look = |block: &Range<usize>| {
+    let touched = kept.map(|kept| (kept, kept.touched(lit, &blocks)));
+    for (first, batch) in (0..).step_by(BATCH).zip(blocks.chunks(BATCH)) {
+        let look = |(b, block): (usize, &Range<usize>)| {
             progress.check()?;
             progress.advance(block.len() as u64);
+            if let Some((kept, touched)) = &touched
+                && !touched[first + b]
+            {
+                return Ok(block.clone().map(|i| (kept.arriving(i), Ballot::default())).collect());
+            }
             let all: Vec<usize> = block.clone().collect();
             Ok(at_block(lit, block, &all, |sight, emitters, sites| {
                 glance(sight, emitters, sites, &mut Volley::default())
             }))
         };
         let glances: Vec<Vec<(Arriving, Ballot)>> =
-            batch.par_iter().with_max_len(SHARE).map(look).collect::<Result<_>>()?;
+            batch.par_iter().enumerate().with_max_len(SHARE).map(look).collect::<Result<_>>()?;
         around.extend(glances.iter().map(|block| mean_light(block)));
         for (arrived, ballot) in glances.into_iter().flatten() {
             arriving.push(arrived);

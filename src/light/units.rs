@@ -6,10 +6,12 @@
 
 use super::direct::{Direct, direct_beside, glimpse_flux};
 use super::kept::KeptLight;
+use super::touched::Kept;
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::{Rgb, luminance};
 use crate::progress::Progress;
+use crate::work::Change;
 use glam::DVec3;
 
 /// Lamps whose direct light is found on its own, at most, but for the sky: of more, several are taken together.
@@ -27,6 +29,11 @@ pub trait Memory {
     /// # Errors
     /// `Io`.
     fn recall(&self, unit: &[Shining]) -> Result<Option<KeptLight>>;
+    /// What was kept of it before a change, which says what the change is.
+    ///
+    /// # Errors
+    /// `Io`.
+    fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>>;
     /// Keeps `light` for later.
     ///
     /// # Errors
@@ -91,7 +98,12 @@ pub fn direct_of(
         let found = match recalled {
             Some(found) => found,
             None => {
-                let found = direct_beside(&Lit { lights: &lights_of(&shining), ..*lit }, &beside.irradiance, progress)?;
+                let lights = lights_of(&shining);
+                let lit = Lit { lights: &lights, ..*lit };
+                let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
+                let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
+                let kept = before.as_ref().and_then(|(old, change)| Kept::new(&lit, old, change));
+                let found = direct_beside(&lit, &beside.irradiance, kept.as_ref(), progress)?;
                 let kept = KeptLight::new(&found, strength, flux, ratio);
                 memory.keep(&shining, &kept)?;
                 kept.light(strength, patches).unwrap_or(found)
@@ -103,7 +115,7 @@ pub fn direct_of(
             Some(sum) => sum.plus(&found),
         });
     }
-    sum.map_or_else(|| direct_beside(lit, &beside.irradiance, progress), Ok)
+    sum.map_or_else(|| direct_beside(lit, &beside.irradiance, None, progress), Ok)
 }
 
 impl Beside {

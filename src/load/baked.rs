@@ -4,7 +4,7 @@ use super::image::{ColorSpace, load_file};
 use super::{Loaded, Source};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warnings};
-use crate::scene::{Scene, SurfaceOrigin, Texture, Wrap};
+use crate::scene::{Environment, Scene, SurfaceOrigin, Texture, Wrap};
 use glam::Vec2;
 use serde_json::Value;
 use std::f32::consts::FRAC_1_PI;
@@ -62,6 +62,55 @@ pub fn baked_light(loaded: &mut Loaded) -> Result<Option<BakedLight>> {
     let placements = placements(&loaded.scene, &source.json, pages.len(), &mut loaded.warnings);
     Ok(Some(BakedLight { pages, factor, holds_albedo, placements }))
 }
+
+/// Gives the scene of a baked GLB the sky that it was baked under, where the file has none of its own: what `asset.extras.lumel.sky` says
+/// of it, a radiance [nit]. Of skies with a picture and of other lights it has the names alone, and of suns from the command line the
+/// numbers: they are named in a warning, where `is_lit` by what shines, not by the pages.
+///
+/// # Errors
+/// `Invalid` where the extras are malformed.
+pub fn add_sky(loaded: &mut Loaded, is_lit: bool) -> Result<()> {
+    let Source::Gltf(source) = &loaded.source else { return Ok(()) };
+    let place = source.path.display().to_string();
+    let Some(lumel) = source.json.pointer("/asset/extras/lumel") else { return Ok(()) };
+    for light in lumel.get("missingLights").and_then(Value::as_array).into_iter().flatten().filter(|_| is_lit) {
+        let message = "a light that the scene was baked with can't be expressed in the GLB and is missing here; render the scene that was \
+                       baked, or show the lightmaps as they are";
+        loaded.warnings.add(light.as_str().unwrap_or("light"), message);
+    }
+    let has_sun = loaded.scene.lights.iter().any(|light| light.name == SUN);
+    if let Some(sun) = lumel.get("sun").and_then(Value::as_str).filter(|_| is_lit && !has_sun) {
+        let message =
+            format!("the sun that the scene was baked with isn't in the file and is missing here; give --sun {sun}");
+        loaded.warnings.add(&place, message);
+    }
+    let Some(sky) = lumel.get("sky").filter(|_| loaded.scene.environment.is_none()) else { return Ok(()) };
+    let radiance = sky.get("radiance").and_then(Value::as_array);
+    let Some(radiance) = radiance else {
+        if !is_lit {
+            return Ok(());
+        }
+        let name = sky.get("name").and_then(Value::as_str).unwrap_or("a picture");
+        let message = format!(
+            "the sky that the scene was baked under ({name}) isn't in the file and is missing here; give it with --sky or --environment"
+        );
+        loaded.warnings.add(&place, message);
+        return Ok(());
+    };
+    let channel = |k: usize| radiance.get(k).and_then(Value::as_f64).map(|v| v as f32);
+    let rgb = [0, 1, 2].map(|k| channel(k).filter(|v| v.is_finite() && *v >= 0.0));
+    let [Some(r), Some(g), Some(b)] = rgb else {
+        return Err(Error::invalid(
+            place,
+            "its extras.lumel.sky is no radiance of three numbers; bake it again, or give a --sky",
+        ));
+    };
+    loaded.scene.environment = Some(Environment::constant("the bake's sky", Rgb::new(r, g, b)));
+    Ok(())
+}
+
+/// The name of the sun that settings add.
+const SUN: &str = "--sun";
 
 /// Where each surface of `scene` lies, as its node says.
 fn placements(scene: &Scene, json: &Value, pages: usize, warnings: &mut Warnings) -> Vec<Option<Placement>> {

@@ -22,7 +22,8 @@ use crate::progress::Progress;
 use crate::sample::sequence::{Sequence, Stage};
 use crate::store::Entry;
 use crate::trace::{Hit, Ray};
-use crate::work::Stored;
+use crate::work::{Change, Stored};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -91,6 +92,16 @@ impl Exposure {
     }
 }
 
+/// Set where a patch is covered.
+const COVERED: u32 = 1 << 16;
+
+fn code(opening: &Opening) -> u32 {
+    u32::from(opening.cells.0) | if opening.is_covered { COVERED } else { 0 }
+}
+
+/// How far around what changed patches may lie in it, over their side.
+const NEAR: f32 = 4.0;
+
 /// Finds the open cells of every patch.
 ///
 /// # Errors
@@ -102,7 +113,7 @@ pub fn unocclude(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<
 /// What lies in the open of those patches that don't as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Openings {
-    /// Ascending patches, and their open cells.
+    /// Ascending patches, and their open cells, with [`COVERED`].
     cells: Vec<[u32; 2]>,
     /// The share of the area of each.
     shares: Vec<f32>,
@@ -136,13 +147,36 @@ impl Openings {
     /// # Errors
     /// `Cancelled`.
     pub fn find(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<Self> {
-        let (openings, rays) = find(ground, seed, progress)?;
+        let all = |_: usize| true;
+        Ok(Self::of(find(ground, seed, vec![Opening::ALL; ground.patches.len()], &all, progress)?))
+    }
+
+    /// Finds them after a `change`, where it can have changed them.
+    ///
+    /// # Errors
+    /// `Cancelled`.
+    pub fn find_again(&self, ground: &Ground, seed: u32, change: &Change, progress: &dyn Progress) -> Result<Self> {
+        let patches = ground.patches;
+        let is_near = |i: usize| {
+            let reach = NEAR * patches.area[i].sqrt();
+            let position = patches.position[i];
+            let is_in = |b: &[Vec3; 2]| position.cmpge(b[0] - reach).all() && position.cmple(b[1] + reach).all();
+            change.surfaces[patches.surface(i) as usize] || change.boxes.iter().any(is_in)
+        };
+        let mut openings = vec![Opening::ALL; patches.len()];
+        for (&[i, open], &share) in self.cells.iter().zip(&self.shares).filter(|(cell, _)| !is_near(cell[0] as usize)) {
+            openings[i as usize] = Opening { cells: CellMask(open as u16), share, is_covered: open & COVERED != 0 };
+        }
+        Ok(Self::of(find(ground, seed, openings, &is_near, progress)?))
+    }
+
+    fn of((openings, rays): (Vec<Opening>, u64)) -> Self {
         let partly = || openings.iter().zip(0..).filter(|(opening, _)| **opening != Opening::ALL);
-        Ok(Self {
-            cells: partly().map(|(opening, i)| [i, u32::from(opening.cells.0)]).collect(),
+        Self {
+            cells: partly().map(|(opening, i)| [i, code(opening)]).collect(),
             shares: partly().map(|(opening, _)| opening.share).collect(),
             rays,
-        })
+        }
     }
 }
 
@@ -159,13 +193,23 @@ impl Stored for Openings {
     }
 }
 
-fn find(ground: &Ground, seed: u32, progress: &dyn Progress) -> Result<(Vec<Opening>, u64)> {
+/// Finds the openings of patches that are `wanted`, and of those around that follow from them; `openings` are those of the others.
+fn find(
+    ground: &Ground,
+    seed: u32,
+    mut openings: Vec<Opening>,
+    wanted: &(dyn Fn(usize) -> bool + Sync),
+    progress: &dyn Progress,
+) -> Result<(Vec<Opening>, u64)> {
     let patches = ground.patches;
     progress.begin("unocclude", patches.len() as u64);
     let blocks = ground.blocks(BLOCK_LEVEL);
-    let mut rays = patches.len() as u64;
-    let mut suspects = glance(ground, &blocks, seed, progress)?;
-    let mut openings = vec![Opening::ALL; patches.len()];
+    let is_wanted = |block: &Range<usize>| block.clone().any(wanted);
+    let numbers: Vec<usize> = (0..blocks.len()).into_par_iter().filter(|&b| is_wanted(&blocks[b])).collect();
+    let some: Vec<Range<usize>> = numbers.iter().map(|&b| blocks[b].clone()).collect();
+    let mut rays = some.iter().map(|block| block.len() as u64).sum();
+    let suspects = glance(ground, &some, seed, progress)?;
+    let mut suspects: Vec<usize> = suspects.into_iter().map(|k| numbers[k]).collect();
     let mut is_probed = vec![false; blocks.len()];
     // What lies inside goes on into the next block, wherever it was found: it is followed to its end.
     while !suspects.is_empty() {

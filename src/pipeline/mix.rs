@@ -66,7 +66,7 @@ pub fn mix(
     let store = open_store(settings)?;
     let atlas = lay_out(&loaded, settings, true, &store, &clock, &mut report)?;
     let (patches, exposure) =
-        texels(&loaded.scene, &atlas, settings, &work(&store, &loaded.scene, &atlas, settings), &clock)?;
+        texels(&loaded.scene, &atlas, settings, &work(&store, scene, &loaded.scene, &atlas, settings)?, &clock)?;
     read.refuse_others(&atlas, &patches, baked)?;
     clock.begin("mix", 0);
     for name in read.lost() {

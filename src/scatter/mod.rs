@@ -306,15 +306,58 @@ impl Point<'_> {
     }
 }
 
-/// Prepares `scene` for light over mirrors and glass beside methods that see diffuse surfaces alone: as [`adapt`] does, and what is
-/// [a mirror or glass](Appearance::is_single) sends nothing on as a diffuse surface.
+/// Prepares `scene` for light over mirrors and glass beside methods that see diffuse surfaces alone: as [`adapt`] does, and what
+/// [stands in](stands_in) for a mirror or glass sends on diffusely what comes to it off other surfaces, since light straight from lights
+/// is followed over it. Glass sends on what a mean way through it leaves. What can't stand in sends nothing on.
 pub fn adapt_for_caustics(scene: &mut Scene) {
     adapt(scene, Surfaces::Full);
-    for material in &mut scene.materials {
-        if material.appearance.as_ref().is_some_and(Appearance::is_single) {
-            material.albedo = Rgb::ZERO;
+    let has_sky = scene.environment.is_some();
+    for index in 0..scene.materials.len() {
+        let material = &scene.materials[index];
+        let Some(look) = material.appearance.as_ref().filter(|look| look.is_single()) else { continue };
+        let sends = stands_in(material) && !has_sky;
+        let glass = sends.then(|| look.absorption()).flatten().map(|absorption| {
+            let left = (-absorption * mean_chord(scene, index)).exp();
+            (bounded(look.base_color * left), look.base_color_texture.clone())
+        });
+        let material = &mut scene.materials[index];
+        match glass {
+            Some((albedo, texture)) => {
+                (material.albedo, material.albedo_texture) = (albedo, texture);
+                // Nothing looks at it from within.
+                material.double_sided = false;
+            }
+            None if sends => {}
+            None => material.albedo = Rgb::ZERO,
         }
     }
+}
+
+/// Whether a mirror or solid glass may send on diffusely what comes to it off other surfaces: light straight from lights can be kept
+/// apart on its front alone. Window panes need no stand-in, as rays pass them.
+pub fn stands_in(material: &Material) -> bool {
+    let is_solid = |look: &Appearance| look.absorption().is_some() || !material.double_sided;
+    material.appearance.as_ref().is_some_and(|look| look.is_single() && !look.is_pane() && is_solid(look))
+}
+
+/// The mean length of straight ways through what is made of material `index` [m]: four volumes over the surface (Cauchy).
+fn mean_chord(scene: &Scene, index: usize) -> f32 {
+    let (mut volume, mut area) = (0.0f64, 0.0f64);
+    for surface in &scene.surfaces {
+        let mesh = &scene.meshes[surface.mesh];
+        let own = mesh.triangles.iter().zip(&mesh.triangle_material).filter(|(_, m)| **m as usize == index);
+        // About a corner of its own, or numbers far from the origin would cancel.
+        let place = |v: u32| surface.world_from_local.transform_point3(mesh.positions[v as usize]).as_dvec3();
+        let Some(origin) = own.clone().next().map(|(t, _)| place(t[0])) else { continue };
+        let mut part = 0.0;
+        for (corners, _) in own {
+            let [a, b, c] = corners.map(|v| place(v) - origin);
+            part += a.dot(b.cross(c)) / 6.0;
+            area += 0.5 * (b - a).cross(c - a).length();
+        }
+        volume += part.abs();
+    }
+    if area > 0.0 { (4.0 * volume / area) as f32 } else { 0.0 }
 }
 
 /// Prepares `scene` for rays that meet [`Surfaces::Full`]: they pass panes as far as both faces, head-on, don't mirror,

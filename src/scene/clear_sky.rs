@@ -39,6 +39,11 @@ pub fn towards(elevation: f32, azimuth: f32) -> Vec3 {
     Vec3::new(cos * east, sin, -cos * north)
 }
 
+/// The inverse of [`towards`], of a unit vector \[degrees\].
+pub fn elevation_azimuth(towards: Vec3) -> (f32, f32) {
+    (towards.y.clamp(-1.0, 1.0).asin().to_degrees(), towards.x.atan2(-towards.z).to_degrees())
+}
+
 /// The five coefficients of Perez' distribution for Y, x and y: a line in the turbidity each.
 const PEREZ: [[[f32; 2]; 5]; 3] = [
     [[0.1787, -1.4630], [-0.3554, 0.4275], [-0.0227, 5.3251], [0.1206, -2.5771], [-0.0670, 0.3703]],

@@ -86,6 +86,11 @@ impl Surface {
     }
 }
 
+/// The box around two.
+fn join(a: [Vec3; 2], b: [Vec3; 2]) -> [Vec3; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
 impl Scene {
     /// The world positions of triangle `triangle` of surface `surface`, counter-clockwise seen from its front (mirrored
     /// transforms swap the last two corners; [`Scene::corner_order`] gives the order).
@@ -102,13 +107,14 @@ impl Scene {
 
     /// The corners of the box around the triangles of all surfaces [m]; `None` where there are none.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        let corners = (0..self.surfaces.len()).into_par_iter().filter_map(|s| {
-            let triangles = 0..self.meshes[self.surfaces[s].mesh].triangles.len();
-            let points = triangles.flat_map(|t| self.world_triangle(s, t)).filter(|p| p.is_finite());
-            points.map(|p| [p; 2]).reduce(join)
-        });
-        corners.reduce_with(join)
+        (0..self.surfaces.len()).into_par_iter().filter_map(|s| self.surface_bounds(s)).reduce_with(join)
+    }
+
+    /// The same of surface `surface`.
+    pub fn surface_bounds(&self, surface: usize) -> Option<[Vec3; 2]> {
+        let triangles = 0..self.meshes[self.surfaces[surface].mesh].triangles.len();
+        let points = triangles.flat_map(|t| self.world_triangle(surface, t)).filter(|p| p.is_finite());
+        points.map(|p| [p; 2]).reduce(join)
     }
 
     /// The material of a triangle.

@@ -86,6 +86,16 @@ impl Film {
         self.mean().iter().zip(&self.squares).map(error).collect()
     }
 
+    /// Whether [`noise`](Self::noise) says something: of one pass, and of a black film, it doesn't.
+    pub fn knows_noise(&self) -> bool {
+        self.estimates >= 2 && !self.is_black()
+    }
+
+    /// True where no pixel has met any light.
+    pub fn is_black(&self) -> bool {
+        self.halves.iter().flatten().all(|sum| *sum == DVec3::ZERO)
+    }
+
     /// Root mean square of the standard errors over the mean luminance; 0 of a black film.
     pub fn noise(&self) -> f64 {
         let errors = self.standard_error();
@@ -108,5 +118,17 @@ mod tests {
         // Variance of the passes: (4 + 0 + 1 + 9) / 3; of their mean a quarter.
         assert!((film.standard_error()[0] - (14.0f32 / 12.0).sqrt()).abs() < 1e-5);
         assert_eq!(film.difference(), [Rgb::splat(-1.5)]);
+    }
+
+    #[test]
+    fn nothing_is_known_of_the_noise_of_one_pass_or_of_black() {
+        let mut film = Film::new(1);
+        film.add(&[Rgb::ONE]);
+        assert!(!film.knows_noise() && !film.is_black());
+        film.add(&[Rgb::ONE]);
+        assert!(film.knows_noise());
+        let mut black = Film::new(1);
+        (0..3).for_each(|_| black.add(&[Rgb::ZERO]));
+        assert!(!black.knows_noise() && black.is_black());
     }
 }

@@ -25,6 +25,12 @@ impl View {
         Self { camera, width, height, half }
     }
 
+    /// The same picture in squares of `side` x `side` pixels.
+    pub fn in_squares(&self, side: u32) -> Self {
+        let of = |pixels: u32| pixels.div_ceil(side.max(1)).max(1);
+        Self { width: of(self.width), height: of(self.height), ..self.clone() }
+    }
+
     /// Width and height [pixels].
     pub fn size(&self) -> [u32; 2] {
         [self.width, self.height]

@@ -123,6 +123,7 @@ impl Integrator for Bidirectional<'_> {
                 for pixel in chunk..(chunk + AT_ONCE).min(end) {
                     self.sample(pixel, &mut self.streams(pixel, index), &mut out);
                 }
+                progress.advance(((chunk + AT_ONCE).min(end) - chunk) as u64);
                 Ok(out)
             });
             let added: Vec<Vec<Added>> = added.collect::<Result<_>>()?;
@@ -138,7 +139,8 @@ impl Integrator for Bidirectional<'_> {
 /// Refuses what is not followed from both sides.
 fn refuse(world: &World, method: &str) -> Result<()> {
     if let Some(medium) = world.media.names().next() {
-        let message = format!("the method {method} knows no media; choose the method path");
+        let message =
+            format!("the method {method} knows no media, which scatter light; choose the method path or photon");
         return Err(Error::unsupported(medium, message));
     }
     for light in &world.scene.lights {

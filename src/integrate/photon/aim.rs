@@ -264,7 +264,8 @@ mod tests {
         let (found, error, share) = integral(&aim, ball);
         println!("{found:.4e} +- {error:.1e} of {exact:.4e}, {:.0} % hit, {} cells", 100.0 * share, aim.cells.len());
         assert!((found - exact).abs() < 4.0 * error && error < 0.02 * exact, "{found} +- {error} of {exact}");
-        assert!(share > 0.3, "only {share} of what is sent hits");
+        // Unaided, one of 2,000 would.
+        assert!(share > 0.2, "only {share} of what is sent hits");
     }
 
     #[test]

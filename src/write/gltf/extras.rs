@@ -1,9 +1,13 @@
 //! The `extras.lumel` objects: what an engine needs to find a surface's light, and which lights are baked in.
 
 use super::document::{Document, Object, index, number, numbers};
+use super::scene::light;
+use crate::color::Rgb;
 use crate::error::Result;
+use crate::load::Source;
 use crate::load::gltf::role;
-use crate::scene::{BakeMode, Scene};
+use crate::scene::clear_sky::elevation_azimuth;
+use crate::scene::{BakeMode, Environment, LightShape, Scene};
 use crate::unwrap::Placement;
 use crate::write::encode::{Encoded, Encoding};
 use crate::write::{Baked, BakedLights};
@@ -81,7 +85,40 @@ pub fn write_asset(doc: &mut Document, baked: &Baked, vertex_scale: Option<f32>)
         if let Some(scale) = vertex_scale {
             lumel.insert("vertexScale".into(), number(scale));
         }
+        if let Some(sky) = missing_sky(baked) {
+            lumel.insert("sky".into(), sky);
+        }
+        if let Some(sun) = missing_sun(baked) {
+            lumel.insert("sun".into(), sun.into());
+        }
+        if let (Source::Usd(_), Some(_)) = (baked.source, baked.lightmap) {
+            let missing: Vec<&str> = light::missing(baked.scene).collect();
+            if !missing.is_empty() {
+                lumel.insert("missingLights".into(), missing.into());
+            }
+        }
     }
+}
+
+/// The sky of the bake where the file has no form for it: its radiance [nit], or the name of one with a picture.
+fn missing_sky(baked: &Baked) -> Option<Value> {
+    let is_told = |sky: &Environment| matches!(baked.source, Source::Gltf(_)) && !sky.name.starts_with("--");
+    let sky = baked.scene.environment.as_ref().filter(|sky| baked.lightmap.is_some() && !is_told(sky))?;
+    if sky.is_constant() {
+        let radiance: Rgb = sky.each().map(|sky| sky.radiance).sum();
+        return Some(json!({ "name": sky.name, "radiance": numbers(&radiance.to_array()) }));
+    }
+    let names: Vec<&str> = sky.each().map(|sky| sky.name.as_str()).collect();
+    Some(json!({ "name": names.join(", ") }))
+}
+
+/// The sun from the command line, as it was given there, where a glTF that is edited doesn't hold it.
+fn missing_sun(baked: &Baked) -> Option<String> {
+    let is_edited = matches!(baked.source, Source::Gltf(_)) && baked.lightmap.is_some();
+    let sun = baked.scene.lights.iter().find(|light| is_edited && light.name == "--sun")?;
+    let LightShape::Directional { direction, illuminance, .. } = sun.shape else { return None };
+    let (elevation, azimuth) = elevation_azimuth(-direction);
+    Some(format!("{elevation:.3},{azimuth:.3},{}", illuminance.max_element()))
 }
 
 /// The forms that pages were written in, unless OpenEXR is the only one: decoded texels times `scale` are the values.

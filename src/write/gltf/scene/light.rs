@@ -5,7 +5,7 @@ use super::super::extras;
 use super::mesh::array;
 use crate::color::Rgb;
 use crate::error::{Result, Warnings};
-use crate::scene::{BakeMode, Light, LightShape};
+use crate::scene::{BakeMode, Light, LightShape, Scene};
 use crate::write::{Baked, BakedLights};
 use glam::{Quat, Vec3};
 use serde_json::{Value, json};
@@ -51,6 +51,11 @@ pub fn write(doc: &mut Document, baked: &Baked, warnings: &mut Warnings) -> Resu
         doc.root_mut().insert("extensions".into(), json!({ EXTENSION: { "lights": lights } }));
     }
     Ok(nodes)
+}
+
+/// Names of the lights of `scene` that can't be expressed.
+pub fn missing(scene: &Scene) -> impl Iterator<Item = &str> {
+    scene.lights.iter().filter(|light| punctual(light).is_none()).map(|light| light.name.as_str())
 }
 
 /// The light and its node.

@@ -1,6 +1,7 @@
 //! A GLB from the scene in memory, for sources that aren't glTF: metres, Y up, a node for each surface named by its path.
 
-mod light;
+mod camera;
+pub mod light;
 mod material;
 mod mesh;
 mod picture;
@@ -74,6 +75,7 @@ pub fn build(baked: &Baked, lights: Option<&[SurfaceLight]>, warnings: &mut Warn
         nodes.push(node.into());
     }
     nodes.extend(light::write(&mut doc, baked, warnings)?.into_iter().map(Value::from));
+    nodes.extend(camera::write(&mut doc, scene, warnings).into_iter().map(Value::from));
     for sky in scene.environment.iter().flat_map(Environment::each) {
         warnings.add(&sky.name, "a sky can't be expressed in the GLB; its light is in the lightmap alone");
     }

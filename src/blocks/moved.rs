@@ -1,0 +1,294 @@
+//! What blocks see after some surfaces have moved or changed: what the change can't touch is kept.
+//!
+//! Of a block, the directions that a change can touch are those in which its old or new box lies. Links in these directions are dropped,
+//! and others drawn there, from cones around the boxes, more closely than before, as nothing is known of what shines. Which directions
+//! they are is known without tracing, so that what is kept and what is new are estimates of two parts of the hemisphere, each right
+//! by itself: no light is made or lost between them.
+
+use super::SHARE;
+use super::block::{Block, Blocks};
+use super::field::Field;
+use super::kept::{Kept, OldBlocks};
+use super::link::Sight;
+use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
+use super::sweep::BackLight;
+use super::{BlockParams, Seen, kept};
+use crate::Result;
+use crate::color::Rgb;
+use crate::light::{Direct, Lit};
+use crate::patch::NONE;
+use crate::progress::Progress;
+use crate::sample::sequence::Stage;
+use crate::sample::warp::{cap, frame};
+use crate::work::{Change, Work};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::{PI, TAU};
+
+/// Samples in each half of blocks of which nothing is known.
+const NEW: u32 = 64;
+
+/// How many times as many samples there are as a hemisphere of them has in the same directions.
+const CLOSER: f32 = 2.0;
+
+/// Samples in each half towards a box, at least.
+const LEAST: u32 = 4;
+
+/// Numbers of points from here on are those of samples towards boxes.
+const FIRST_POINT: u32 = 1 << 20;
+
+/// Quarterings from the coarsest blocks to single texels.
+const LEVELS: usize = 3;
+
+/// How far from its middle a block reaches, over its side.
+const REACH: f32 = 1.0;
+
+/// Directions in which what changed lies, or did.
+#[derive(Clone, Copy)]
+pub struct Towards<'a> {
+    from: Vec3,
+    reach: f32,
+    boxes: &'a [[Vec3; 2]],
+}
+
+impl<'a> Towards<'a> {
+    /// From `block`.
+    pub fn new(block: &Block, boxes: &'a [[Vec3; 2]]) -> Self {
+        Self { from: block.centre, reach: REACH * block.side(), boxes }
+    }
+
+    /// Samples towards the boxes, of block `b`, as close as `count` in each half over the hemisphere are, and closer.
+    fn aim(&self, draw: &Draw, b: usize, count: u32) -> Vec<Aimed> {
+        let cones: Vec<(Cone, u32)> = self
+            .boxes
+            .iter()
+            .map(|bounds| self.cone(bounds))
+            .map(|cone| {
+                let wanted = (CLOSER * count as f32 * cone.solid_angle / PI).ceil() as u32;
+                (cone, wanted.clamp(LEAST, 2 * count.max(LEAST)))
+            })
+            .collect();
+        let density = |(cone, samples): &(Cone, u32)| *samples as f32 / cone.solid_angle;
+        let mut aimed = Vec::new();
+        for half in 0..2 {
+            let sequence = draw.sequence(Stage::Block, b, half);
+            let mut index = FIRST_POINT;
+            for (cone, samples) in &cones {
+                let frame = frame(cone.axis);
+                for _ in 0..*samples {
+                    let [x, y, u, v] = sequence.point(index, 0);
+                    index += 1;
+                    let direction = frame * cap([u, v], cone.cos);
+                    if self.holds(direction) {
+                        let expected = cones.iter().filter(|(cone, _)| cone.holds(direction)).map(density).sum();
+                        aimed.push(Aimed { half, place: [x, y], direction, expected });
+                    }
+                }
+            }
+        }
+        aimed
+    }
+
+    /// The cone that a box is seen in from all over the block; all directions from within its ball.
+    fn cone(&self, [low, high]: &[Vec3; 2]) -> Cone {
+        let way = 0.5 * (*low + *high) - self.from;
+        let (distance, radius) = (way.length(), 0.5 * low.distance(*high) + SQRT_3 * self.reach);
+        let cos = if radius < distance { (1.0 - (radius / distance).powi(2)).sqrt() } else { -1.0 };
+        Cone { axis: way.try_normalize().unwrap_or(Vec3::Z), cos, solid_angle: TAU * (1.0 - cos) }
+    }
+
+    /// True where some of the boxes lie above the horizon of `block`.
+    fn is_above(&self, block: &Block) -> bool {
+        let n = block.normal;
+        let highest = |[low, high]: &[Vec3; 2]| (Vec3::select(n.cmpgt(Vec3::ZERO), *high, *low) - self.from).dot(n);
+        !block.is_flat() || self.boxes.iter().any(|bounds| highest(bounds) > -self.reach)
+    }
+
+    /// True where a ray along `direction` from somewhere on the block may meet one of the boxes.
+    pub fn holds(&self, direction: Vec3) -> bool {
+        let inverse = direction.recip();
+        self.boxes.iter().any(|[low, high]| {
+            let (a, b) = ((*low - self.reach - self.from) * inverse, (*high + self.reach - self.from) * inverse);
+            // A ray along a side of the box makes a NaN, which both ignore.
+            let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
+            near <= far && far >= 0.0
+        })
+    }
+}
+
+/// Directions around an axis.
+struct Cone {
+    axis: Vec3,
+    /// Cosine of the largest angle to it.
+    cos: f32,
+    /// [sr]
+    solid_angle: f32,
+}
+
+/// Cosines are taken as this much less: what is drawn at the rim must count as within.
+const RIM: f32 = 1e-5;
+
+impl Cone {
+    fn holds(&self, direction: Vec3) -> bool {
+        direction.dot(self.axis) >= self.cos - RIM
+    }
+}
+
+/// Half the diagonal of a cube of side 2.
+const SQRT_3: f32 = 1.732_050_8;
+
+/// Finds what blocks see, where it is known from `kept` but for a `change`; `None` where that is of other texels.
+///
+/// # Errors
+/// `Cancelled`.
+pub fn look_again(
+    lit: &Lit,
+    direct: &Direct,
+    params: &BlockParams,
+    before: (&Kept, &Change),
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Option<Seen>> {
+    progress.begin("links", 0);
+    let (kept, change) = before;
+    let Some(old) = kept.old_blocks(lit.ground.patches.len()) else { return Ok(None) };
+    let normals = super::shown_normals(lit);
+    let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
+    let blocks = like(lit, &old);
+    let is_changed =
+        |b: &Block| change.surfaces[lit.ground.patches.surface(blocks.order[b.first as usize] as usize) as usize];
+    // The old block that each is the same as.
+    let same: Vec<Option<usize>> =
+        (0..blocks.list.len()).map(|b| old.same_as(&blocks, b).filter(|_| !is_changed(&blocks.list[b]))).collect();
+    let Some(mut sampled) = kept.sampled_of(lit, &blocks, &same) else { return Ok(None) };
+    let irradiance = same.iter().enumerate().map(|(b, same)| match same.or_else(|| old.around(&blocks, b)) {
+        Some(k) => kept.irradiance.get(k).copied().unwrap_or_default(),
+        None => Rgb::ZERO,
+    });
+    let irradiance = irradiance.collect();
+    // What is sampled anew, as closely as before.
+    let counts: Vec<u32> = (0..blocks.list.len())
+        .map(|b| match same[b] {
+            Some(_) if !Towards::new(&blocks.list[b], &change.boxes).is_above(&blocks.list[b]) => 0,
+            Some(_) => sampled[b].drawn.samples(),
+            None if blocks.list[b].back => 0,
+            None => old.around(&blocks, b).and_then(|k| kept.samples(k)).unwrap_or(NEW),
+        })
+        .collect();
+    let dropped = drop_touched(lit, &blocks, change, &mut sampled);
+    let fronts = blocks.fronts();
+    let mut field = Field::with(lit, direct, params, blocks, sampled, irradiance, work);
+    let back_patches: Vec<u32> = kept.back_patches.iter().copied().filter(|&i| field.has_back(i)).collect();
+    field.light_backs(&back_patches, progress)?;
+    let seen = sample_touched(&mut field, &same, &counts, &dropped, change, progress)?;
+    field.follow_backs(seen, progress)?;
+    let known: Vec<usize> = (fronts..field.blocks.list.len()).filter(|&b| !field.sampled[b].is_empty()).collect();
+    field.light_back_blocks(&known, progress)?;
+    field.find_base();
+    let kept = kept::keep(&field, kept.gain, &normal);
+    let on_backs: BackLight = field.into_on_backs();
+    Ok(Some(Seen::joined(kept, Some(on_backs))))
+}
+
+fn is_there(blocks: &Blocks, (patch, back): (usize, bool)) -> bool {
+    (if back { blocks.back_of[patch] } else { blocks.front_of[patch] }) != NONE
+}
+
+/// The blocks of `lit`, split as the old ones were.
+fn like(lit: &Lit, old: &OldBlocks) -> Blocks {
+    let mut blocks = Blocks::new(lit);
+    for _ in 0..LEVELS {
+        let is_finer = |b: usize| {
+            let block = &blocks.list[b];
+            blocks
+                .members(b)
+                .iter()
+                .any(|&i| old.level(i as usize, block.back).is_some_and(|level| level < block.level))
+        };
+        let wanted: Vec<bool> = (0..blocks.fronts()).map(is_finer).collect();
+        if !wanted.contains(&true) {
+            break;
+        }
+        blocks.split(lit, &wanted);
+    }
+    blocks
+}
+
+/// Drops the links in directions that the change can touch, those to what changed, and those to what is buried now. Returns the form
+/// factors that each half of each block lost by it, added up.
+fn drop_touched(lit: &Lit, blocks: &Blocks, change: &Change, sampled: &mut [Sampled]) -> Vec<[f32; 2]> {
+    let patches = lit.ground.patches;
+    let is_kept = |(patch, back): (usize, bool)| {
+        is_there(blocks, (patch, back)) && !change.surfaces[patches.surface(patch) as usize]
+    };
+    let drop = |(b, found): (usize, &mut Sampled)| {
+        let block = &blocks.list[b];
+        let towards = Towards::new(block, &change.boxes);
+        if !towards.is_above(block) && found.halves.iter().all(|half| half.links.iter().all(|l| is_kept(l.target()))) {
+            return [0.0; 2];
+        }
+        found.halves.each_mut().map(|half| {
+            half.retain(
+                |link| {
+                    let target = link.target();
+                    is_kept(target) && !towards.holds(kept::way(block, patches.position[target.0]))
+                },
+                |link| !towards.holds(link.direction()),
+            )
+        })
+    };
+    sampled.par_iter_mut().enumerate().with_max_len(SHARE).map(drop).collect()
+}
+
+/// Samples blocks that aren't the `same` as before as a whole, and others in the directions that the change can touch: `counts` samples
+/// for each half, in place of links that had the form factors `dropped`. Returns the patches whose backs were seen.
+fn sample_touched(
+    field: &mut Field,
+    same: &[Option<usize>],
+    counts: &[u32],
+    dropped: &[[f32; 2]],
+    change: &Change,
+    progress: &dyn Progress,
+) -> Result<Vec<u32>> {
+    let mut sampled = std::mem::take(&mut field.sampled);
+    let (blocks, lit) = (&field.blocks, field.lit);
+    let draw = Draw { lit, blocks, seed: field.params.seed };
+    let one = |b: usize, found: &mut Sampled, scratch: &mut Scratch| -> Vec<u32> {
+        let from = found.halves.each_ref().map(|half| half.links.len());
+        match same[b] {
+            Some(_) => {
+                let aimed = Towards::new(&blocks.list[b], &change.boxes).aim(&draw, b, counts[b]);
+                let mut fresh = Sampled::default();
+                draw.along(b, &aimed, &mut fresh, scratch);
+                let halves = found.halves.iter_mut().zip(fresh.halves).zip(dropped[b]);
+                halves.for_each(|((half, fresh), dropped)| half.join(fresh, dropped));
+            }
+            None => {
+                let hemisphere = (CLOSER * counts[b] as f32) as u32;
+                draw.sample(b, Samples { hemisphere, areas: 0, guide: None, view: None }, found, scratch);
+                found.weigh(&Sight::default());
+                found.close();
+            }
+        }
+        let new = found.halves.iter().zip(from).flat_map(|(half, from)| &half.links[from..]);
+        new.map(|link| link.target()).filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect()
+    };
+    let seen: Result<Vec<Vec<u32>>> = sampled
+        .par_iter_mut()
+        .enumerate()
+        .with_max_len(SHARE)
+        .filter(|(b, _)| counts[*b] > 0)
+        .map_init(
+            || Scratch::new(lit.ground),
+            |scratch, (b, found)| {
+                progress.check()?;
+                Ok(one(b, found, scratch))
+            },
+        )
+        .collect();
+    field.sampled = sampled;
+    let mut seen = seen?.concat();
+    seen.sort_unstable();
+    seen.dedup();
+    Ok(seen)
+}

@@ -1,0 +1,143 @@
+//! What bakes remember: the same to the bit where nothing has changed, as good as a bake anew where something has.
+
+mod support;
+
+use glam::{Affine3A, Vec3};
+use lumel::color::{Rgb, luminance};
+use lumel::illuminate::kept::{State, add_base};
+use lumel::illuminate::{Illuminated, illuminate, illuminate_with};
+use lumel::progress::Silent;
+use lumel::scene::{Light, LightShape, Scene};
+use lumel::settings::{Normals, Settings};
+use lumel::store::{Key, Store};
+use lumel::unwrap::Atlas;
+use lumel::work::Work;
+use std::path::PathBuf;
+use std::time::Duration;
+use support::{Quad, atlas, room, scene};
+
+/// A folder of its own, gone at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("lumel-remembered-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A room with a table, whose place is `at`, a lamp and a glowing panel. The table's quads are the last five.
+fn furnished(at: [f32; 2]) -> (Scene, Atlas) {
+    let mut quads = room([4.0, 3.0, 5.0]);
+    quads.push(Quad::new([0.5, 2.9, 0.5], [1.0, 0., 0.], [0., 0., 1.0]).emission(20.0));
+    let legs = quads.len();
+    let (low, high) = ([0.0, 0.0, 0.0], [0.8, 0.6, 0.7]);
+    let [x, y, z] = high;
+    quads.push(Quad::new([low[0], y, low[2]], [0., 0., z], [x, 0., 0.]).albedo(0.7));
+    quads.push(Quad::new(low, [0., 0., z], [0., y, 0.]).albedo(0.7));
+    quads.push(Quad::new([x, 0., 0.], [0., y, 0.], [0., 0., z]).albedo(0.7));
+    quads.push(Quad::new(low, [0., y, 0.], [x, 0., 0.]).albedo(0.7));
+    quads.push(Quad::new([0., 0., z], [x, 0., 0.], [0., y, 0.]).albedo(0.7));
+    let mut scene = scene(&quads);
+    for surface in &mut scene.surfaces[legs..] {
+        surface.world_from_local = Affine3A::from_translation(Vec3::new(at[0], 0.0, at[1]));
+    }
+    let lamp = LightShape::Point { position: Vec3::new(3.0, 2.5, 4.0), intensity: Rgb::splat(30.0), range: None };
+    scene.lights.push(Light::new("lamp", lamp));
+    (scene, atlas(quads.len(), 40))
+}
+
+fn settings() -> Settings {
+    Settings { normals: Normals::Geometric, error: Some(1.0), ..Settings::default() }
+}
+
+fn base(scene: &Scene, atlas: &Atlas) -> Key {
+    Key::of("base", |hasher| add_base(hasher, scene, atlas))
+}
+
+fn remembering(scene: &Scene, atlas: &Atlas, store: &Store) -> Illuminated {
+    let work = Work::new(store, base(scene, atlas), None, Duration::ZERO);
+    illuminate_with(scene, atlas, &settings(), &work, &Silent).unwrap()
+}
+
+fn bits(lit: &Illuminated) -> Vec<[u32; 3]> {
+    lit.lightmap.pages.iter().flat_map(|page| &page.rgb).map(|c| c.to_array().map(f32::to_bits)).collect()
+}
+
+/// Root mean square of the differences of luminance between two bakes of the same texels, over the mean, and that of the means.
+fn differences(a: &Illuminated, b: &Illuminated) -> (f64, f64) {
+    let (mut square, mut bias, mut sum, mut area) = (0.0, 0.0, 0.0, 0.0);
+    for i in 0..a.patches.len() {
+        let w = f64::from(b.patches.area[i]);
+        let [x, y] = [a, b].map(|lit| f64::from(luminance(lit.gathered.irradiance[i])));
+        (square, bias) = (square + w * (x - y).powi(2), bias + w * (x - y));
+        (sum, area) = (sum + w * y, area + w);
+    }
+    ((square / area).sqrt() / (sum / area), bias / sum)
+}
+
+#[test]
+fn a_bake_again_is_the_same_to_the_bit_and_traces_next_to_nothing() {
+    let folder = Folder::new("again");
+    let store = Store::open(&folder.0).unwrap();
+    let (scene, atlas) = furnished([1.0, 1.0]);
+    let fresh = illuminate(&scene, &atlas, &settings(), &Silent).unwrap();
+    let first = remembering(&scene, &atlas, &store);
+    let again = remembering(&scene, &atlas, &store);
+    assert_eq!(bits(&fresh), bits(&first), "with a cache and without");
+    assert_eq!(bits(&first), bits(&again));
+    let entries = store.survey().unwrap().items;
+    let count = |kind: &str| entries.iter().filter(|item| item.kind.starts_with(kind)).count();
+    assert_eq!([count("links"), count("direct"), count("openings")], [1, 2, 1], "a lamp and a panel");
+    assert!(count("look") > 0, "parts of the work were put down");
+}
+
+#[test]
+fn other_strengths_and_albedos_take_what_is_remembered() {
+    let folder = Folder::new("strengths");
+    let store = Store::open(&folder.0).unwrap();
+    let (mut scene, atlas) = furnished([1.0, 1.0]);
+    remembering(&scene, &atlas, &store);
+    let before = store.survey().unwrap().items.len();
+    scene.lights[0].shape =
+        LightShape::Point { position: Vec3::new(3.0, 2.5, 4.0), intensity: Rgb::new(20.0, 45.0, 10.0), range: None };
+    scene.materials[0].albedo = Rgb::new(0.2, 0.6, 0.3);
+    let relit = remembering(&scene, &atlas, &store);
+    assert_eq!(store.survey().unwrap().items.len(), before, "nothing was looked for anew");
+    let full = illuminate(&scene, &atlas, &settings(), &Silent).unwrap();
+    let (rms, bias) = differences(&relit, &full);
+    println!("rms {:.3} %, bias {:+.3} %", 100.0 * rms, 100.0 * bias);
+    assert!(rms < 0.015 && bias.abs() < 0.003, "{rms} {bias}");
+    assert!((relit.energy.imbalance - full.energy.imbalance).abs() < 0.005);
+}
+
+#[test]
+fn a_moved_object_changes_what_it_can_touch() {
+    let folder = Folder::new("moved");
+    let store = Store::open(&folder.0).unwrap();
+    let (scene, atlas) = furnished([1.0, 1.0]);
+    remembering(&scene, &atlas, &store);
+    let (moved, _) = furnished([2.6, 3.2]);
+    let (old, now) =
+        (State::new(&scene, &atlas, base(&scene, &atlas)), State::new(&moved, &atlas, base(&moved, &atlas)));
+    let (key, change) = now.since(&old).expect("the same surfaces");
+    assert_eq!(change.surfaces.iter().filter(|changed| **changed).count(), 5);
+    let work = Work::new(&store, base(&moved, &atlas), None, Duration::MAX).after(key, change);
+    let again = illuminate_with(&moved, &atlas, &settings(), &work, &Silent).unwrap();
+    let full = illuminate(&moved, &atlas, &settings(), &Silent).unwrap();
+    let (rms, bias) = differences(&again, &full);
+    let rays = |lit: &Illuminated| lit.direct.rays + lit.gathered.rays;
+    println!("rms {:.3} %, bias {:+.3} %, {} rays of {}", 100.0 * rms, 100.0 * bias, rays(&again), rays(&full));
+    assert!(rms < 0.02 && bias.abs() < 0.003, "{rms} {bias}");
+    assert!((again.energy.imbalance - full.energy.imbalance).abs() < 0.005);
+    // What stood there before must not be seen any more: without the change, much is off.
+    let stale = illuminate(&scene, &atlas, &settings(), &Silent).unwrap();
+    assert!(differences(&stale, &full).0 > 0.05);
+}
