@@ -6,6 +6,7 @@
 use super::console::Console;
 use super::failure::INTERRUPTED;
 use lumel::Error;
+use lumel::store::FolderLock;
 use lumel::write::output::{STAGING_NAME, Staging};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -26,6 +27,9 @@ pub fn install(console: &Console, cancelled: Arc<AtomicBool>, folder: Option<Pat
             // A writer that is still at work may make the folder anew while it is being removed.
             for _ in 0..20 {
                 Staging::discard(folder);
+                // The lock ends with the process; its file is in the way of an empty folder.
+                let _ = std::fs::remove_file(folder.join(FolderLock::NAME));
+                let _ = std::fs::remove_dir(folder);
                 if !folder.join(STAGING_NAME).exists() {
                     break;
                 }

@@ -33,7 +33,7 @@ use crate::unwrap::{self, Atlas, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
 use crate::work::{Stored, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use crate::report::Report;
 
@@ -377,8 +377,22 @@ fn refuse_input(output: &Path, input: &Path) -> Result<()> {
     }
 }
 
-/// Holds the output folder for this process alone. One that can't be written to is found out now, not after hours of work.
-fn hold(folder: &Path) -> Result<FolderLock> {
+/// The output folder, held for this process alone. A folder in which nothing came to lie goes with it.
+struct Held {
+    lock: Option<FolderLock>,
+    folder: PathBuf,
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        drop(self.lock.take());
+        // One that isn't empty stays.
+        let _ = std::fs::remove_dir(&self.folder);
+    }
+}
+
+/// Holds the output folder. One that can't be written to is found out now, not after hours of work.
+fn hold(folder: &Path) -> Result<Held> {
     let lock = match std::fs::create_dir_all(folder) {
         Ok(()) => FolderLock::acquire(folder),
         Err(e) => Err(Error::io(folder, e)),
@@ -387,18 +401,16 @@ fn hold(folder: &Path) -> Result<FolderLock> {
         // Staging says what to do about it.
         Err(error @ Error::Io { .. }) => Err(Staging::new(folder).err().unwrap_or(error)),
         Err(error) => Err(error),
-        Ok(lock) => Staging::new(folder).map(|_| lock),
+        Ok(lock) => {
+            let held = Held { lock: Some(lock), folder: folder.to_path_buf() };
+            Staging::new(folder).map(|_| held)
+        }
     }
 }
 
 /// Checks the settings, reads the scene and adds the sky that the settings ask for. The output folder is held, unless nothing is
 /// written there.
-fn open(
-    scene: &Path,
-    folder: &Path,
-    settings: &Settings,
-    clock: &Clock,
-) -> Result<(Report, Loaded, Option<FolderLock>)> {
+fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Result<(Report, Loaded, Option<Held>)> {
     settings.check()?;
     refuse_other_bake(scene, folder, settings.overwrite)?;
     clock.begin("load", 0);

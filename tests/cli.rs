@@ -650,7 +650,7 @@ fn an_interrupted_bake_ends_within_a_second_and_leaves_nothing() {
     f.write("big.glb", grid(150, true));
     for (signal, before) in [("-INT", 1500), ("-TERM", 600), ("-INT", 3500)] {
         let mut child = f
-            .command(&["bake", "big.glb", "--quality", "production", "--samples", "65536"])
+            .command(&["bake", "big.glb", "--quality", "production", "--samples", "65536", "--no-cache"])
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();

@@ -6,9 +6,6 @@ use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The file that is locked.
-const NAME: &str = ".lumel.lock";
-
 /// Holds a folder for this process, until it is dropped or the process ends in whatever way: the lock is the operating system's.
 ///
 /// The file `.lumel.lock` says who holds it. On a file system that has no locks it holds nothing.
@@ -19,12 +16,15 @@ pub struct FolderLock {
 }
 
 impl FolderLock {
+    /// The file that is locked.
+    pub const NAME: &str = ".lumel.lock";
+
     /// Takes the lock of `folder`, which must be there, without waiting.
     ///
     /// # Errors
     /// `Invalid` where another holds it, with its process and since when; `Io`.
     pub fn acquire(folder: &Path) -> Result<Self> {
-        let path = folder.join(NAME);
+        let path = folder.join(Self::NAME);
         loop {
             let open = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
             let mut file = open.map_err(|e| Error::io(&path, e))?;
