@@ -396,6 +396,7 @@ impl Settings {
             shading_normals: self.normals == Normals::Shading,
             moments: self.directional != Directional::Off,
             seed: self.seed,
+            unit: 0,
         }
     }
 

@@ -147,7 +147,17 @@ impl<'a> Work<'a> {
         counts.iter().map(|(kind, counts)| (kind.clone(), tally(counts))).collect()
     }
 
+    /// Counts a result of `kind` as asked for.
+    pub fn ask(&self, kind: &str) {
+        self.count(kind, 1, 0);
+    }
+
+    /// Counts results of `kind` that were asked for, and made.
     fn count(&self, kind: &str, asked: u64, made: u64) {
+        if self.store.is_none() {
+            return;
+        }
+
         let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         let counts = counts.entry(kind.to_string()).or_default();
         *counts = [counts[0] + asked, counts[1] + made];
@@ -182,9 +192,7 @@ impl<'a> Work<'a> {
     /// # Errors
     /// `Io` where the store can't be read.
     pub fn find<T: Stored>(&self, kind: &str, add: impl FnOnce(&mut Hasher)) -> Result<Option<T>> {
-        if self.store.is_some() {
-            self.count(kind, 1, 0);
-        }
+        self.ask(kind);
         self.read(kind, add)
     }
 
@@ -220,7 +228,8 @@ impl<'a> Work<'a> {
     }
 
     /// As [`once`](Self::once) for work that isn't parted, of which only what is `wanted` counts as found: of several processes that share
-    /// the work one makes it, and the others wait for it, or for its end without a result.
+    /// the work one makes it, and the others wait for it, or for its end without a result. That it was [asked](Self::ask) for is not
+    /// counted.
     ///
     /// # Errors
     /// Those of `make`; `Io`; `Cancelled`.
@@ -239,11 +248,9 @@ impl<'a> Work<'a> {
                 None => None,
             };
             if let Some(found) = self.read(kind, &add)?.filter(&wanted) {
-                self.count(kind, 1, 0);
                 return Ok(found);
             }
             if claim.is_some() || self.shard.is_none() || self.store.is_none() {
-                self.count(kind, 1, 0);
                 return self.renew(kind, add, make);
             }
             progress.check()?;

@@ -24,9 +24,14 @@ fn runs(scene: Scene, view: &View, way: Way, passes: u32, bounces: Option<u32>) 
 }
 
 fn assert_agree(name: &str, a: &Runs, b: &Runs, most: f64) {
+    assert_within(name, a, b, [1.7, 1.0, most]);
+}
+
+/// At most so much spread, mean of z and difference of the wholes.
+fn assert_within(name: &str, a: &Runs, b: &Runs, most: [f64; 3]) {
     let [spread, mean, off] = a.against(b);
     println!("{name}: spread {spread:.2}, mean z {mean:+.2}, whole {:+.3} % of {:.4}", 100.0 * off, b.whole());
-    assert!(spread < 1.7 && mean.abs() < 1.0 && off.abs() < most, "{name}: {spread} {mean} {off}");
+    assert!(spread < most[0] && mean.abs() < most[1] && off.abs() < most[2], "{name}: {spread} {mean} {off}");
 }
 
 #[test]
@@ -124,7 +129,8 @@ fn light_of_every_kind_sets_out_as_it_is_drawn() {
             })
         };
         if name != "sky" && name != "all" {
-            assert_agree(&format!("{name}, set out"), &alone(2, 2), &alone(1, 3), 0.05);
+            // Unweighed, joins in corners have no finite variance: z says less.
+            assert_within(&format!("{name}, set out"), &alone(2, 2), &alone(1, 3), [2.5, 1.5, 0.05]);
         }
     }
 }

@@ -41,6 +41,7 @@ pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) 
         Some((openings, change)) => openings.find_again(ground, seed, change, progress),
         None => Openings::find(ground, seed, progress),
     };
+    work.ask(OPENINGS);
     Ok(work.once_in_all(OPENINGS, add, fits, find, progress)?.expose(ground))
 }
 

@@ -43,6 +43,9 @@ pub struct DirectParams {
     /// Whether stages find where their light comes from ([`crate::moments`]), too.
     pub moments: bool,
     pub seed: u32,
+    /// Which of several units of lamps: each has shadow samples of its own, but the points are the same over which light is averaged that
+    /// is known without shadows, as that of all must add up.
+    pub unit: u32,
 }
 
 impl DirectParams {
@@ -80,6 +83,8 @@ impl Direct {
 pub(super) const BLOCK_LEVEL: u32 = 3;
 /// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.
 pub(super) const SHARE: usize = 8;
+/// Seeds of units differ by multiples of this.
+const APART: u32 = 0x9E37_79B9;
 /// One of so many blocks tells about the light of all.
 const GLIMPSED: usize = 16;
 /// Blocks that are glanced at before what was seen is put away.
@@ -363,6 +368,7 @@ pub(super) fn at_block<T: Clone + Default>(
             normal: patches.normal[i],
             radius: footprints[k].radius(patches.position[i]),
             sequence: Sequence::new(params.seed, Stage::Direct, i as u64),
+            apart: Sequence::new(params.seed ^ APART.wrapping_mul(params.unit), Stage::Direct, i as u64),
         }
     };
     let receivers: Vec<Receiver> = open.iter().enumerate().map(receiver).collect();

@@ -15,6 +15,8 @@ pub struct Receiver<'a> {
     /// Radius around `position` [m].
     pub radius: f32,
     pub sequence: Sequence,
+    /// The same for sets beyond the first.
+    pub apart: Sequence,
 }
 
 /// What arrives at one receiver.
@@ -121,6 +123,7 @@ impl<'a> Site<'a> {
 }
 
 fn draw(receiver: &Receiver, index: u32, set: u32) -> (SurfacePoint, [f32; 2]) {
-    let [x, y, s, t] = receiver.sequence.point(index, set);
+    let sequence = if set == 0 { &receiver.sequence } else { &receiver.apart };
+    let [x, y, s, t] = sequence.point(index, set);
     ((receiver.sample)([x, y]), [s, t])
 }

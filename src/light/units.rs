@@ -23,9 +23,6 @@ const MOST_UNITS: usize = 24;
 /// Light is found anew where the share of other light beside it has fallen below this share of what it was.
 const LESS: f64 = 0.5;
 
-/// Seeds of units lie so far apart.
-const SALT: u32 = 0x9E37_79B9;
-
 /// Remembers the direct light of units of lamps.
 pub trait Memory {
     /// The strength that the light of `unit` is a multiple of.
@@ -118,9 +115,8 @@ pub fn direct_of(
         let is_close = |kept: &KeptLight| LESS * kept.beside <= ratio.max(LESS);
         let look = || {
             let lights = lights_of(&shining);
-            // Numbers of its own: errors of lamps that shared them would add up.
-            let params =
-                DirectParams { seed: lit.params.seed.wrapping_add(SALT.wrapping_mul(number)), ..lit.params.clone() };
+            // Points of its own: errors of lamps that shared them would add up.
+            let params = DirectParams { unit: number, ..lit.params.clone() };
             let lit = Lit { lights: &lights, params: &params, ..*lit };
             let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
             let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
