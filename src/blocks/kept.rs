@@ -2,8 +2,9 @@
 //!
 //! What a sweep needs of a link is its patch and form factor. Patches of a half are sorted and told by the gaps between them, which lie
 //! close where the block sees much of one place; form factors by their logarithm, in steps of an eighth of an octave, scaled to
-//! their exact sum: each is off by 4 % at most, and the mean over a hundred by three in a thousand. Directions follow from where
-//! block and patch are; curved blocks, which weigh links by them, and the sky, which is nowhere, have theirs in 16 bits.
+//! their exact sum: each is off by 4 % at most, and the mean over a hundred by three in a thousand. Where one value does for
+//! all normals, directions don't matter; curved blocks, which weigh links by them, the sky, and all links of bakes that tell where light
+//! comes from, have theirs in 16 bits.
 //!
 //! A bake solves with links as they come back from here, kept or not: what is read later is what was solved with then, to the bit.
 
@@ -63,7 +64,8 @@ pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -
     let blocks = &field.blocks;
     let encode = |b: usize| {
         let mut bits = BitWriter::default();
-        write_block(&mut bits, &field.sampled[b], is_curved(blocks, b, normal));
+        let asks_directions = field.lit.params.moments || is_curved(blocks, b, normal);
+        write_block(&mut bits, &field.sampled[b], asks_directions);
         bits.finish()
     };
     let each: Vec<Vec<u8>> = (0..blocks.list.len()).into_par_iter().with_max_len(SHARE).map(encode).collect();
@@ -349,20 +351,16 @@ impl Reading<'_> {
         if count == 0 {
             return Some(());
         }
-        let Self { block, lit, .. } = *self;
-        let positions = &lit.ground.patches.position;
-        // Where one value does for all normals, moments alone ask where light comes from.
-        let is_asked = !curved && lit.params.moments;
+        let block = self.block;
+        let patches = self.lit.ground.patches.len();
         let mut key = 0u32;
         // A number that is no count of links ends with the bits.
         half.links.reserve_exact(count.min(1 << 16));
         self.bits.get_all(count, |gap| {
             key = key.checked_add(gap)?;
             let (patch, back) = ((key >> 1) as usize, key & 1 == 1);
-            let position = positions.get(patch)?;
-            let direction = if is_asked { way(block, *position) } else { block.normal };
-            half.links.push(Link::new(patch, back, direction, 0.0));
-            Some(())
+            half.links.push(Link::new(patch, back, block.normal, 0.0));
+            (patch < patches).then_some(())
         })?;
         self.weights(count, &mut half.weights)?;
         if curved {

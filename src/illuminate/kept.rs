@@ -115,17 +115,16 @@ pub enum Look {
 /// The kind of results that what blocks see is.
 const LINKS: &str = "links";
 
-/// Adds what links depend on beside the base; `shading`: irradiance is about interpolated normals.
-fn add_links(hasher: &mut Hasher, params: &BlockParams, shading: bool) {
+/// Adds what links depend on beside the base: which normals irradiance is about, and whether directions are wanted, too.
+fn add_links(hasher: &mut Hasher, params: &BlockParams, direct: &DirectParams) {
     // What is wanted of the light, and how often it is reflected, changes nothing of what is seen.
     hasher.add_debug(&BlockParams { layers: false, halves: false, max_bounces: None, ..params.clone() });
-    hasher.add_u64(u64::from(shading));
+    hasher.add_debug(&[direct.shading_normals, direct.moments]);
 }
 
 /// True where it is remembered what blocks see in a bake of these settings.
 pub fn has_links(work: &Work, settings: &Settings) -> bool {
-    let shading = settings.direct_params().shading_normals;
-    work.has(LINKS, |hasher| add_links(hasher, &settings.block_params(), shading))
+    work.has(LINKS, |hasher| add_links(hasher, &settings.block_params(), &settings.direct_params()))
 }
 
 /// What blocks see, found by tracing or remembered as `how` says.
@@ -140,7 +139,7 @@ pub fn see(
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Sight> {
-    let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params.shading_normals);
+    let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params);
     let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add)? };
     if let Some(kept) = known {
         return Ok(Sight { seen: Seen::joined(kept, None), is_fresh: false });
