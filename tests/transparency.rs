@@ -196,7 +196,7 @@ fn a_furnace_with_sheets_in_it_stays_uniform() {
             let (mean, rms) = (off.iter().sum::<f32>() / n, (off.iter().map(|o| o * o).sum::<f32>() / n).sqrt());
             let balance = baked.energy.imbalance;
             println!("{:?} {name}: rms {rms:.5}, mean {mean:.5}, balance {balance:.5}", material.alpha);
-            assert!(rms < most && mean.abs() < 0.001, "{name}: {rms}, {mean}");
+            assert!(rms < most && mean.abs() < 0.0015, "{name}: {rms}, {mean}");
             assert!(balance.abs() < 0.002, "{name}: {balance}");
         }
     }
