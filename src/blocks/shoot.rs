@@ -244,7 +244,9 @@ impl Draw<'_> {
         starts.extend(aimed.iter().map(start));
         self.place(b, &mut starts, scratch);
         let Scratch { rays, halves, hits, tints, weights, .. } = scratch;
-        (rays.clear(), halves.clear(), weights.clear());
+        rays.clear();
+        halves.clear();
+        weights.clear();
         for (start, aimed) in starts.iter().zip(aimed) {
             let cos = aimed.direction.dot(start.point.normal);
             if cos > 0.0 {

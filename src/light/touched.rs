@@ -40,7 +40,7 @@ impl<'a> Kept<'a> {
         let area = |i: usize| if lit.ground.casts(i) { lit.exposure.taking_area(i) } else { DVec3::ZERO };
         let all: DVec3 = old.transport.iter().enumerate().map(|(i, e): (usize, &Rgb)| e.as_dvec3() * area(i)).sum();
         let share = old.inflow.element_sum() / all.element_sum().max(f64::MIN_POSITIVE);
-        let is_clear = share < CLEAR || share > 1.0 - CLEAR;
+        let is_clear = !(CLEAR..=1.0 - CLEAR).contains(&share);
         is_clear.then_some(Self { old, is_other: share > 0.5, change, lamps })
     }
 
