@@ -68,22 +68,8 @@ impl<'a> Field<'a> {
     pub fn new(lit: &'a Lit<'a>, direct: &Direct, params: &'a BlockParams, work: &'a Work<'a>) -> Self {
         let blocks = Blocks::new(lit);
         let n = blocks.list.len();
-        let mut field = Self {
-            lit,
-            params,
-            around: Vec::new(),
-            sampled: vec![Sampled::default(); n],
-            irradiance: vec![Rgb::ZERO; n],
-            sent: sent(lit, direct, params),
-            on_backs: BackLight { of_block: vec![None; n - blocks.fronts()], ..BackLight::default() },
-            base: vec![Rgb::ZERO; n],
-            bright: None,
-            swept: Swept::default(),
-            rays: 0,
-            work,
-            step: 0,
-            blocks,
-        };
+        let (sampled, irradiance) = (vec![Sampled::default(); n], vec![Rgb::ZERO; n]);
+        let mut field = Self::with(lit, direct, params, blocks, sampled, irradiance, work);
         field.meet();
         field
     }

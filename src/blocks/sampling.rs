@@ -25,13 +25,7 @@ const PART: u64 = 1 << 20;
 
 /// What each block is sampled for, and by.
 pub struct Sampling<'a> {
-    pub lit: &'a Lit<'a>,
-    pub params: &'a BlockParams,
-    pub blocks: &'a Blocks,
-    /// Irradiance of blocks as far as it is known [lx].
-    pub irradiance: &'a [Rgb],
-    pub bright: Option<&'a (Guide, Reach)>,
-    pub progress: &'a dyn Progress,
+    source: Source<'a>,
     /// What has been found about each block.
     pub sampled: Vec<Sampled>,
     /// Blocks that are sampled, ascending, and how many samples each half of each gets.
@@ -68,10 +62,12 @@ impl Before {
 }
 
 /// What samples are drawn by, beside what was found.
+#[derive(Clone, Copy)]
 pub struct Source<'a> {
     pub lit: &'a Lit<'a>,
     pub params: &'a BlockParams,
     pub blocks: &'a Blocks,
+    /// Irradiance of blocks as far as it is known [lx].
     pub irradiance: &'a [Rgb],
     pub bright: Option<&'a (Guide, Reach)>,
     pub progress: &'a dyn Progress,
@@ -90,21 +86,7 @@ impl<'a> Sampling<'a> {
             }
         }
         let before = wanted.iter().map(|(b, _)| sampled[*b].halves.each_ref().map(Before::of)).collect();
-        let Source { lit, params, blocks, irradiance, bright, progress } = source;
-        Self {
-            lit,
-            params,
-            blocks,
-            irradiance,
-            bright,
-            progress,
-            sampled,
-            wanted,
-            ends,
-            before,
-            backs: Vec::new(),
-            rays: 0,
-        }
+        Self { source, sampled, wanted, ends, before, backs: Vec::new(), rays: 0 }
     }
 
     /// Number of parts.
@@ -128,7 +110,7 @@ impl<'a> Sampling<'a> {
         let range = self.range(part);
         let (wanted, before) = (&self.wanted[range.clone()], &self.before[range]);
         let Some(first) = wanted.first().map(|w| w.0) else { return Ok(Some(())) };
-        let Self { lit, irradiance, bright, blocks, progress, .. } = *self;
+        let Source { lit, irradiance, bright, blocks, progress, .. } = self.source;
         let one = |k: usize, found: &mut Sampled, scratch: &mut Scratch| -> Option<Vec<u32>> {
             let (b, count) = wanted[k];
             let mut arriving = std::mem::take(&mut scratch.arriving);
@@ -184,7 +166,8 @@ impl<'a> Sampling<'a> {
 
 impl Job for Sampling<'_> {
     fn make(&mut self, part: usize) -> Result<()> {
-        let draw = Draw { lit: self.lit, blocks: self.blocks, seed: self.params.seed };
+        let Source { lit, blocks, params, .. } = self.source;
+        let draw = Draw { lit, blocks, seed: params.seed };
         let wanted = self.wanted[self.range(part)].to_vec();
         self.each(part, |k, samples, found, scratch| {
             draw.sample(wanted[k].0, samples, found, scratch);
@@ -216,7 +199,7 @@ impl Job for Sampling<'_> {
             let start = if k == 0 { 0 } else { ends[k - 1] as usize };
             words.get(start..ends[k] as usize)
         };
-        let (front_of, back_of) = (&self.blocks.front_of, &self.blocks.back_of);
+        let (front_of, back_of) = (&self.source.blocks.front_of, &self.source.blocks.back_of);
         let is_seen = |link: &Link| {
             let (patch, back) = link.target();
             (if back { back_of } else { front_of }).get(patch).is_some_and(|b| *b != NONE)
