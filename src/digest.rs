@@ -6,6 +6,7 @@
 //! | [`surface`], [`surfaces`] | the same, of one surface, wherever it stands in the scene |
 //! | [`mesh`] | the content of a mesh |
 //! | [`atlas`] | the lightmap UVs |
+//! | [`places`] | the same, of each surface, wherever its page stands among the others |
 //! | [`shining`] | the direct light of one source, its strength left out and given beside |
 //!
 //! What is left out of a key is named in the patterns below, which name every field: a new one doesn't compile until it is dealt with.
@@ -70,10 +71,9 @@ pub fn mesh(mesh: &Mesh) -> Key {
     })
 }
 
-/// The key of lightmap UVs: all of an atlas.
-pub fn atlas(atlas: &Atlas) -> Key {
-    let Atlas { pages, meshes, placements, density, padding, shown_pages } = atlas;
-    let uvs = |uvs: &MeshUvs| {
+/// The keys of lightmap UVs, by mesh.
+fn uvs(meshes: &[MeshUvs]) -> Vec<Key> {
+    let key = |uvs: &MeshUvs| {
         let MeshUvs { corners, chart, chart_count, authored } = uvs;
         Key::of("mesh UVs 1", |h| {
             h.add_slice(corners);
@@ -81,7 +81,27 @@ pub fn atlas(atlas: &Atlas) -> Key {
             h.add_debug(&(chart_count, authored));
         })
     };
-    let meshes: Vec<Key> = meshes.par_iter().map(uvs).collect();
+    meshes.par_iter().map(key).collect()
+}
+
+/// The keys of the texels that each surface of `scene` covers on its page. Which of the pages that is isn't part of them.
+pub fn places(scene: &Scene, atlas: &Atlas) -> Vec<Key> {
+    let meshes = uvs(&atlas.meshes);
+    let place = |(surface, placement): (&Surface, &Placement)| {
+        let Placement { page, scale, offset } = *placement;
+        Key::of("place 1", |h| {
+            h.add_key(meshes[surface.mesh]);
+            h.add_slice(&[scale.to_array(), offset.to_array()]);
+            h.add_slice(&atlas.pages[page as usize]);
+        })
+    };
+    scene.surfaces.iter().zip(&atlas.placements).map(place).collect()
+}
+
+/// The key of lightmap UVs: all of an atlas.
+pub fn atlas(atlas: &Atlas) -> Key {
+    let Atlas { pages, meshes, placements, density, padding, shown_pages } = atlas;
+    let meshes = uvs(meshes);
     let placement = |placement: &Placement| {
         let Placement { page, scale, offset } = *placement;
         [page, scale.x.to_bits(), scale.y.to_bits(), offset.x.to_bits(), offset.y.to_bits()]

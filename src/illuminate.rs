@@ -3,6 +3,7 @@
 
 mod caustics;
 pub mod kept;
+pub mod state;
 
 use crate::Result;
 use crate::blocks::separate::{Source, Wanted};

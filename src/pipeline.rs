@@ -10,7 +10,8 @@ use crate::blocks::PARTS;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::kept::{State, add_base, has_links};
+use crate::illuminate::kept::{add_base, has_links};
+use crate::illuminate::state::State;
 use crate::illuminate::{Illuminated, ROUGHER, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
@@ -29,9 +30,9 @@ use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::store::{FolderLock, Key, Store};
 use crate::transport::Method as FormFactors;
-use crate::unwrap::{self, Atlas, UnwrapParams};
+use crate::unwrap::{self, Atlas, Earlier, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
-use crate::work::{Stored, Work};
+use crate::work::{Stored, Tally, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::{Path, PathBuf};
 
@@ -60,28 +61,30 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         watch::clear(folder)?;
     }
     let store = open_store(settings)?;
-    let atlas = lay_out(&loaded, settings, settings.relight.is_some(), &store, &clock, &mut report)?;
+    let before = recall_state(&store, scene, settings)?;
+    let is_relit = settings.relight.is_some();
+    let (atlas, earlier) = lay_out(&loaded, settings, is_relit, before.as_ref(), &store, &clock, &mut report)?;
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
     if settings.caustics {
         scatter::adapt_for_caustics(&mut loaded.scene);
     }
-    let work = work(&store, scene, &loaded.scene, &atlas, settings)?;
+    let work = work(&store, before.as_ref(), &loaded.scene, &atlas, settings);
     let settings = &relit(settings, &work, &loaded)?;
     report.relit = settings.relight.as_ref().map(|relight| relight.baked.clone());
     if settings.shard.is_some() {
         share(&loaded.scene, &atlas, settings, &work, &clock)?;
         report.warnings.extend(store.take_warnings());
-        report.reused = work.tally();
+        report.reused.extend(work.tally());
         report.stages = clock.stages();
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
     work.forget_parts(PARTS);
-    remember_state(&store, scene, &loaded.scene, &atlas)?;
+    remember_state(&store, scene, settings, &state(&loaded.scene, &atlas, &lit.patches).laid_out(earlier));
     report.warnings.extend(store.take_warnings());
-    report.reused = work.tally();
+    report.reused.extend(work.tally());
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
     let of_light = lit.direct.rays + lit.solution.rays + lit.gathered.rays;
@@ -126,45 +129,61 @@ fn open_store(settings: &Settings) -> Result<Store> {
     settings.cache.as_deref().map_or_else(|| Ok(Store::none()), Store::open)
 }
 
-/// The work on a scene with lightmap UVs, as far as it is remembered.
-fn work<'a>(store: &'a Store, file: &Path, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<Work<'a>> {
+/// The key of all that results depend on of a scene with lightmap UVs.
+fn base(scene: &Scene, atlas: &Atlas) -> Key {
+    Key::of("base", |hasher| add_base(hasher, scene, atlas))
+}
+
+/// The work on a scene with lightmap UVs, as far as it is remembered; `before` is what the last bake was of.
+fn work<'a>(
+    store: &'a Store,
+    before: Option<&State>,
+    scene: &Scene,
+    atlas: &Atlas,
+    settings: &Settings,
+) -> Work<'a> {
     if store.is_none() {
-        return Ok(Work::unstored());
+        return Work::unstored();
     }
-    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
+    let base = base(scene, atlas);
     let work = Work::new(store, base, settings.shard, settings.checkpoint());
-    if settings.shard.is_some() {
-        // What one process has seen before, another may not.
-        return Ok(work);
-    }
-    let now = State::new(scene, atlas, base);
-    let before = store.read(STATE, state_key(file))?.as_ref().and_then(State::restore);
-    let work = match before.and_then(|before| now.since(&before)) {
+    // What one process has seen before, another may not.
+    let before = before.filter(|_| settings.shard.is_none());
+    match before.and_then(|before| State::new(scene, atlas, base, &[]).since(before)) {
         Some((base, change)) => work.after(base, change),
         None => work,
-    };
-    Ok(work)
+    }
+}
+
+/// What a bake of `scene` was of.
+fn state(scene: &Scene, atlas: &Atlas, patches: &Patches) -> State {
+    State::new(scene, atlas, base(scene, atlas), &patches.runs(scene.surfaces.len()))
+}
+
+/// What the last bake of `file` with such texels was of.
+fn recall_state(store: &Store, file: &Path, settings: &Settings) -> Result<Option<State>> {
+    Ok(store.read(STATE, state_key(file, settings))?.as_ref().and_then(State::restore))
 }
 
 /// Notes what the bake of `file` was of, for the next one.
-fn remember_state(store: &Store, file: &Path, scene: &Scene, atlas: &Atlas) -> Result<()> {
+fn remember_state(store: &Store, file: &Path, settings: &Settings, state: &State) {
     if store.is_none() {
-        return Ok(());
+        return;
     }
-    let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
-    let state = State::new(scene, atlas, base);
     let sections = state.sections();
     let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
-    if let Err(error) = store.write(STATE, state_key(file), &sections) {
+    if let Err(error) = store.write(STATE, state_key(file, settings), &sections) {
         store.warn("cache", error);
     }
-    Ok(())
 }
 
-/// The key under which the state of the last bake of `file` stands.
-fn state_key(file: &Path) -> Key {
+/// The key under which the state of the last bake of `file` with such texels stands.
+fn state_key(file: &Path, settings: &Settings) -> Key {
     let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
-    Key::of("state", |hasher| hasher.add_str(&file.to_string_lossy()))
+    Key::of("state 2", |hasher| {
+        hasher.add_str(&file.to_string_lossy());
+        hasher.add_debug(&settings.unwrap_params());
+    })
 }
 
 /// The kind of entries by which bakes of one file know what the last one was of.
@@ -311,7 +330,7 @@ fn warn_of_doubts(report: &mut Report, settings: &Settings) {
 pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
     let (mut report, loaded, _lock) = open(scene, folder, settings, &clock)?;
-    let atlas = lay_out(&loaded, settings, false, &Store::none(), &clock, &mut report)?;
+    let (atlas, _) = lay_out(&loaded, settings, false, None, &Store::none(), &clock, &mut report)?;
     finish(&loaded, &atlas, None, folder, settings, &clock, report)
 }
 
@@ -425,21 +444,23 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
     Ok((Report { version, inputs, settings: settings.clone(), warnings, ..Report::default() }, loaded, lock))
 }
 
-/// Makes lightmap UVs. Where texels go where light varies, that is where it does in this light, or, with `as_before`, where the last bake
-/// of these texels found that it does, as far as the store knows.
+/// Makes lightmap UVs, and tells what a later bake can keep of them. What is as it was in the bake `before` stays where it was. Where texels
+/// go where light varies, that is where it does in this light, or, with `as_before`, where the last bake of these texels found that it
+/// does, as far as the store knows.
 fn lay_out(
     loaded: &Loaded,
     settings: &Settings,
     as_before: bool,
+    before: Option<&State>,
     store: &Store,
     clock: &Clock,
     report: &mut Report,
-) -> Result<Atlas> {
+) -> Result<(Atlas, Option<Earlier>)> {
     let scene = &loaded.scene;
     let is_adaptive = settings.adaptive_density.is_some_and(|strength| strength > 0.0);
-    let before = if is_adaptive && as_before { adaptive::kept::recall(scene, settings, store)? } else { None };
-    let adapted = match before {
-        Some(before) => Some(before),
+    let known = if is_adaptive && as_before { adaptive::kept::recall(scene, settings, store)? } else { None };
+    let adapted = match known {
+        Some(known) => Some(known),
         None => adapt(scene, settings, &mut report.warnings, clock)?,
     };
     if let Some(adapted) = adapted.as_ref().filter(|_| !as_before) {
@@ -447,13 +468,21 @@ fn lay_out(
     }
     let (importance, adaptive) = adapted.unzip();
     let params = UnwrapParams { importance, ..settings.unwrap_params() };
-    let unwrap::Unwrapping { atlas, authored, warnings } = unwrap::unwrap_judged(&loaded.scene, &params, clock)?;
+    let before = before.and_then(State::earlier).filter(|_| !settings.fresh_places);
+    let made = unwrap::unwrap_after(&loaded.scene, &params, before, clock)?;
+    let unwrap::Unwrapping { atlas, authored, warnings, earlier, kept } = made;
     report.warnings.extend(warnings);
+    if before.is_some() && earlier.is_some() {
+        let shown = loaded.scene.surfaces.iter().filter(|s| s.role.is_shown()).count();
+        let reused = kept.unwrap_or(0);
+        let places = Tally { reused: reused as u64, anew: (shown - reused) as u64 };
+        report.reused.insert("places".to_owned(), places);
+    }
     let of_charts = |adaptive| AdaptiveReport { densities: densities(&loaded.scene, &atlas), ..adaptive };
     report.adaptive = adaptive.map(of_charts);
     report.authored_uvs = authored;
     limits::check_atlas(loaded, &atlas, settings)?;
-    Ok(atlas)
+    Ok((atlas, earlier))
 }
 
 /// What files show of the light.

@@ -194,6 +194,8 @@ pub struct Settings {
     pub watch_every: Option<u64>,
     /// Replace another scene's bake in the output folder.
     pub overwrite: bool,
+    /// Lays out all surfaces anew, though the places of some are known from an earlier bake.
+    pub fresh_places: bool,
     /// Folder of results that later bakes find again; none: nothing is kept.
     #[serde(skip_serializing)]
     pub cache: Option<PathBuf>,

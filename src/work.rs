@@ -12,6 +12,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -52,13 +53,39 @@ impl TryFrom<String> for Shard {
     }
 }
 
-/// What is otherwise than in a bake before, of surfaces that are the same ones.
+/// What is otherwise than in a bake before.
 #[derive(Clone, Debug, Default)]
 pub struct Change {
-    /// Which surfaces have changed or moved.
+    /// Which of the surfaces there are now have changed or moved, lie elsewhere on pages, or are new.
     pub surfaces: Vec<bool>,
-    /// The boxes around each of them, before and now: lowest and highest corners [m].
+    /// Boxes around each of them, before and now, and around what is gone: lowest and highest corners [m].
     pub boxes: Vec<[Vec3; 2]>,
+    /// The patches that each surface had before, where they are those that it has now.
+    pub runs: Vec<Option<Range<u32>>>,
+    /// Patches before.
+    pub patches: u32,
+}
+
+impl Change {
+    /// The number that each patch of before has now, where surfaces have the patches `now`: [`NONE`](Self::NONE) where it is gone.
+    /// `None` where surfaces that haven't changed aren't of as many patches.
+    pub fn numbers(&self, now: &[Range<u32>]) -> Option<Vec<u32>> {
+        let mut numbers = vec![Self::NONE; self.patches as usize];
+        for ((now, before), is_changed) in now.iter().zip(&self.runs).zip(&self.surfaces) {
+            match before.as_ref().filter(|before| before.len() == now.len()) {
+                Some(before) => {
+                    let run = numbers.get_mut(before.start as usize..before.end as usize)?;
+                    run.iter_mut().zip(now.clone()).for_each(|(number, i)| *number = i);
+                }
+                None if *is_changed => {}
+                None => return None,
+            }
+        }
+        (now.len() == self.runs.len()).then_some(numbers)
+    }
+
+    /// No patch.
+    pub const NONE: u32 = u32::MAX;
 }
 
 /// Digits of a base that tell its parts from those of others.

@@ -4,7 +4,8 @@ mod support;
 
 use glam::{Affine3A, Vec3};
 use lumel::color::{Rgb, luminance};
-use lumel::illuminate::kept::{State, add_base};
+use lumel::illuminate::kept::add_base;
+use lumel::illuminate::state::State;
 use lumel::illuminate::{Illuminated, illuminate, illuminate_with};
 use lumel::progress::Silent;
 use lumel::scene::{Light, LightShape, Scene};
@@ -60,6 +61,10 @@ fn settings() -> Settings {
 
 fn base(scene: &Scene, atlas: &Atlas) -> Key {
     Key::of("base", |hasher| add_base(hasher, scene, atlas))
+}
+
+fn state(scene: &Scene, atlas: &Atlas, lit: &Illuminated) -> State {
+    State::new(scene, atlas, base(scene, atlas), &lit.patches.runs(scene.surfaces.len()))
 }
 
 fn remembering(scene: &Scene, atlas: &Atlas, store: &Store) -> Illuminated {
@@ -123,11 +128,10 @@ fn a_moved_object_changes_what_it_can_touch() {
     let folder = Folder::new("moved");
     let store = Store::open(&folder.0).unwrap();
     let (scene, atlas) = furnished([1.0, 1.0]);
-    remembering(&scene, &atlas, &store);
+    let first = remembering(&scene, &atlas, &store);
     let (moved, _) = furnished([2.6, 3.2]);
-    let (old, now) =
-        (State::new(&scene, &atlas, base(&scene, &atlas)), State::new(&moved, &atlas, base(&moved, &atlas)));
-    let (key, change) = now.since(&old).expect("the same surfaces");
+    let now = State::new(&moved, &atlas, base(&moved, &atlas), &[]);
+    let (key, change) = now.since(&state(&scene, &atlas, &first)).expect("the same surfaces");
     assert_eq!(change.surfaces.iter().filter(|changed| **changed).count(), 5);
     let work = Work::new(&store, base(&moved, &atlas), None, Duration::MAX).after(key, change);
     let again = illuminate_with(&moved, &atlas, &settings(), &work, &Silent).unwrap();

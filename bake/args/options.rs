@@ -149,6 +149,10 @@ pub struct UvArgs {
     /// Least width and height of a chart; smaller ones are stretched [texels; 1..64; default: 1]
     #[arg(long, value_name = "N")]
     pub min_chart: Option<u32>,
+    /// Lay out all objects anew; by default, what is as it was in the bake before stays where it was on the pages, and what is new
+    /// gets the room between and pages of its own, until a fifth of the texels have come or gone [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub fresh_places: Option<bool>,
     /// auto: authored lightmap UVs where they are sound, else new ones; keep: authored ones or an error; repack: authored
     /// charts, packed anew at the bake's density; new: new ones [default: auto]
     #[arg(long, value_name = "MODE", value_parser = PossibleValuesParser::new(["auto", "keep", "repack", "new"]))]

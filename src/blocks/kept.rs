@@ -107,15 +107,16 @@ impl Kept {
         (0..self.ends.len()).map(&mut shape).collect()
     }
 
-    /// The blocks as they were, among so many patches.
-    pub fn old_blocks(&self, patches: usize) -> Option<OldBlocks> {
+    /// The blocks as they were, of patches that have the numbers `numbers` now; there are `patches` of them.
+    pub fn old_blocks(&self, numbers: &[u32], patches: usize) -> Option<OldBlocks> {
         let shapes = self.shapes()?;
-        let order = read_order(&self.order, shapes.last().map_or(0, |last| last.end) as usize, patches)?;
+        let mut order = read_order(&self.order, shapes.last().map_or(0, |last| last.end) as usize, numbers.len())?;
+        order.iter_mut().for_each(|i| *i = numbers[*i as usize]);
         let (mut front_of, mut back_of) = (vec![NONE; patches], vec![NONE; patches]);
         for (shape, b) in shapes.iter().zip(0..) {
             let of = if b < self.fronts { &mut front_of } else { &mut back_of };
             let members = order.get(shape.first as usize..shape.end as usize)?;
-            members.iter().for_each(|&i| of[i as usize] = b);
+            members.iter().filter(|i| **i != NONE).for_each(|&i| of[i as usize] = b);
         }
         Some(OldBlocks { shapes, order, front_of, back_of })
     }
@@ -134,21 +135,33 @@ impl Kept {
     /// What each of `blocks` has seen; `None` where that can't be, and what is kept is of something else.
     pub fn sampled(&self, lit: &Lit, blocks: &Blocks) -> Option<Vec<Sampled>> {
         let all: Vec<Option<usize>> = (0..self.ends.len()).map(Some).collect();
-        self.sampled_of(lit, blocks, &all)
+        self.sampled_of(blocks, &all, Targets { patches: lit.ground.patches.len(), numbers: None })
     }
 
     /// What each of `blocks` has seen, by the number that it has here; nothing where it has none.
-    pub fn sampled_of(&self, lit: &Lit, blocks: &Blocks, numbers: &[Option<usize>]) -> Option<Vec<Sampled>> {
+    pub fn sampled_of(&self, blocks: &Blocks, known: &[Option<usize>], targets: Targets) -> Option<Vec<Sampled>> {
         let shares = std::array::from_fn(|step| (-(step as f32) / STEPS).exp2());
-        let read = |(block, number): (&Block, &Option<usize>)| match number {
+        let read = |(block, known): (&Block, &Option<usize>)| match known {
             None => Some(Sampled::default()),
-            Some(b) => Reading { bits: BitReader::new(self.bytes(*b)?), block, lit, shares: &shares }.sampled(),
+            Some(b) => Reading { bits: BitReader::new(self.bytes(*b)?), block, targets, shares: &shares }.sampled(),
         };
-        blocks.list.par_iter().zip(numbers).with_max_len(SHARE).map(read).collect()
+        blocks.list.par_iter().zip(known).with_max_len(SHARE).map(read).collect()
     }
 }
 
-/// Blocks of a bake before.
+/// Patches that links lead to.
+#[derive(Clone, Copy)]
+pub struct Targets<'a> {
+    /// How many there were.
+    pub patches: usize,
+    /// The number that each has now, where it isn't the same; [`GONE`] where it has none.
+    pub numbers: Option<&'a [u32]>,
+}
+
+/// A patch that is gone.
+pub const GONE: usize = (NONE >> 1) as usize;
+
+/// Blocks of a bake before, of patches as they are numbered now.
 pub struct OldBlocks {
     shapes: Vec<Shape>,
     order: Vec<u32>,
@@ -322,7 +335,7 @@ fn write_tints(bits: &mut BitWriter, tints: impl Iterator<Item = (u32, Rgb)>) {
 struct Reading<'a> {
     bits: BitReader<'a>,
     block: &'a Block,
-    lit: &'a Lit<'a>,
+    targets: Targets<'a>,
     /// Form factors by step, relative to the largest.
     shares: &'a [f32; LAST_STEP as usize + 1],
 }
@@ -352,15 +365,17 @@ impl Reading<'_> {
             return Some(());
         }
         let block = self.block;
-        let patches = self.lit.ground.patches.len();
+        let Targets { patches, numbers } = self.targets;
+        let number = |patch: usize| numbers.map_or(patch, |numbers| (numbers[patch] as usize).min(GONE));
         let mut key = 0u32;
         // A number that is no count of links ends with the bits.
         half.links.reserve_exact(count.min(1 << 16));
         self.bits.get_all(count, |gap| {
             key = key.checked_add(gap)?;
             let (patch, back) = ((key >> 1) as usize, key & 1 == 1);
+            let patch = (patch < patches).then(|| number(patch))?;
             half.links.push(Link::new(patch, back, block.normal, 0.0));
-            (patch < patches).then_some(())
+            Some(())
         })?;
         self.weights(count, &mut half.weights)?;
         if curved {

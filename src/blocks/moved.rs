@@ -8,7 +8,7 @@
 use super::SHARE;
 use super::block::{Block, Blocks};
 use super::field::Field;
-use super::kept::{Kept, OldBlocks};
+use super::kept::{GONE, Kept, OldBlocks, Targets};
 use super::link::Sight;
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
 use super::sweep::BackLight;
@@ -151,7 +151,8 @@ pub fn look_again(
 ) -> Result<Option<Seen>> {
     progress.begin("links", 0);
     let (kept, change) = before;
-    let Some(old) = kept.old_blocks(lit.ground.patches.len()) else { return Ok(None) };
+    let Some(numbers) = change.numbers(&lit.ground.runs()) else { return Ok(None) };
+    let Some(old) = kept.old_blocks(&numbers, lit.ground.patches.len()) else { return Ok(None) };
     let normals = super::shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
     let blocks = like(lit, &old);
@@ -160,7 +161,8 @@ pub fn look_again(
     // The old block that each is the same as.
     let same: Vec<Option<usize>> =
         (0..blocks.list.len()).map(|b| old.same_as(&blocks, b).filter(|_| !is_changed(&blocks.list[b]))).collect();
-    let Some(mut sampled) = kept.sampled_of(lit, &blocks, &same) else { return Ok(None) };
+    let targets = Targets { patches: numbers.len(), numbers: Some(&numbers) };
+    let Some(mut sampled) = kept.sampled_of(&blocks, &same, targets) else { return Ok(None) };
     let irradiance = same.iter().enumerate().map(|(b, same)| match same.or_else(|| old.around(&blocks, b)) {
         Some(k) => kept.irradiance.get(k).copied().unwrap_or_default(),
         None => Rgb::ZERO,
@@ -178,7 +180,8 @@ pub fn look_again(
     let dropped = drop_touched(lit, &blocks, change, &mut sampled);
     let fronts = blocks.fronts();
     let mut field = Field::with(lit, direct, params, blocks, sampled, irradiance, work);
-    let back_patches: Vec<u32> = kept.back_patches.iter().copied().filter(|&i| field.has_back(i)).collect();
+    let number = |before: &u32| numbers.get(*before as usize).copied();
+    let back_patches: Vec<u32> = kept.back_patches.iter().filter_map(number).filter(|&i| field.has_back(i)).collect();
     field.light_backs(&back_patches, progress)?;
     let seen = sample_touched(&mut field, &same, &counts, &dropped, change, progress)?;
     field.follow_backs(seen, progress)?;
@@ -191,7 +194,7 @@ pub fn look_again(
 }
 
 fn is_there(blocks: &Blocks, (patch, back): (usize, bool)) -> bool {
-    (if back { blocks.back_of[patch] } else { blocks.front_of[patch] }) != NONE
+    patch != GONE && (if back { blocks.back_of[patch] } else { blocks.front_of[patch] }) != NONE
 }
 
 /// The blocks of `lit`, split as the old ones were.

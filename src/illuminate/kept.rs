@@ -14,11 +14,9 @@ use crate::patch::unocclude::{Exposure, Openings};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::store::{Entry, Hasher, Key};
+use crate::store::Hasher;
 use crate::unwrap::Atlas;
-use crate::work::{Change, Stored, Work};
-use glam::Vec3;
-use std::borrow::Cow;
+use crate::work::{Change, Work};
 
 /// What all that is remembered depends on: the ways of rays and the places of texels.
 pub fn add_base(hasher: &mut Hasher, scene: &Scene, atlas: &Atlas) {
@@ -37,7 +35,7 @@ const OPENINGS: &str = "openings";
 pub fn expose(ground: &Ground, seed: u32, work: &Work, progress: &dyn Progress) -> Result<Exposure> {
     let add = |hasher: &mut Hasher| hasher.add_u64(u64::from(seed));
     let fits = |openings: &Openings| openings.fit(ground.patches.len());
-    let find = || match work.find_before::<Openings>(OPENINGS, add)?.filter(|(openings, _)| fits(openings)) {
+    let find = || match work.find_before::<Openings>(OPENINGS, add)? {
         Some((openings, change)) => openings.find_again(ground, seed, change, progress),
         None => Openings::find(ground, seed, progress),
     };
@@ -161,59 +159,4 @@ pub fn see(
     let (kept, on_backs) = seen.parted();
     work.keep(LINKS, add, &kept)?;
     Ok(Sight { seen: Seen::joined(kept, on_backs), is_fresh })
-}
-
-/// What a bake was of: what the next one compares itself with, to see what has changed.
-#[derive(Clone, Debug)]
-pub struct State {
-    /// What its results depended on.
-    base: Key,
-    atlas: Key,
-    /// Of each surface: what it is, and the box around it [m].
-    surfaces: Vec<(Key, [Vec3; 2])>,
-}
-
-impl State {
-    /// The state of `scene` with lightmap UVs, of which results depend on `base`.
-    pub fn new(scene: &Scene, atlas: &Atlas, base: Key) -> Self {
-        let bounds = (0..scene.surfaces.len()).map(|s| scene.surface_bounds(s).unwrap_or([Vec3::ZERO; 2]));
-        Self { base, atlas: digest::atlas(atlas), surfaces: digest::surfaces(scene).into_iter().zip(bounds).collect() }
-    }
-
-    /// What is otherwise than in the bake `before`: its base, and the change; `None` where that one is of no use.
-    pub fn since(&self, before: &Self) -> Option<(Key, Change)> {
-        let is_alike = self.atlas == before.atlas && self.surfaces.len() == before.surfaces.len();
-        if !is_alike || self.base == before.base {
-            return None;
-        }
-        let mut change = Change::default();
-        for ((key, bounds), (old, old_bounds)) in self.surfaces.iter().zip(&before.surfaces) {
-            change.surfaces.push(key != old);
-            if key != old {
-                change.boxes.extend([*old_bounds, *bounds]);
-            }
-        }
-        let changed = change.boxes.len() / 2;
-        (changed > 0 && (changed as f64) <= MOST_CHANGED * self.surfaces.len() as f64).then_some((before.base, change))
-    }
-}
-
-/// Where more than this share of the surfaces has changed, all is found anew.
-const MOST_CHANGED: f64 = 0.5;
-
-impl Stored for State {
-    fn sections(&self) -> Vec<Cow<'_, [u8]>> {
-        let keys = [&self.base, &self.atlas].into_iter().chain(self.surfaces.iter().map(|s| &s.0));
-        let keys: Vec<u8> = keys.flat_map(|key| *key.as_bytes()).collect();
-        let bounds: Vec<f32> = self.surfaces.iter().flat_map(|s| s.1).flat_map(|corner| corner.to_array()).collect();
-        vec![Cow::Owned(keys), Cow::Owned(bytemuck::cast_slice(&bounds).to_vec())]
-    }
-
-    fn restore(entry: &Entry) -> Option<Self> {
-        let mut keys = entry.slice::<[u8; Key::BYTES]>(0).ok()?.iter().map(|bytes| Key::from_bytes(*bytes));
-        let (base, atlas) = (keys.next()?, keys.next()?);
-        let bounds = entry.slice::<[[f32; 3]; 2]>(1).ok()?;
-        let surfaces: Vec<_> = keys.zip(bounds.iter().map(|b| b.map(Vec3::from_array))).collect();
-        (surfaces.len() == bounds.len()).then_some(Self { base, atlas, surfaces })
-    }
 }

@@ -77,6 +77,17 @@ impl Direct {
         let shown = Sparse::new(Arc::clone(&transport), (0..transport.len()).map(|i| self.shown[i] + other.shown[i]));
         Self { shown, transport, inflow: self.inflow + other.inflow, rays: self.rays + other.rays }
     }
+
+    /// The same with the numbers that patches have now, of which there are `patches`; those that had none are dark.
+    pub(super) fn renumbered(&self, numbers: &[u32], patches: usize) -> Self {
+        let (mut transport, mut shown) = (vec![Rgb::ZERO; patches], vec![Rgb::ZERO; patches]);
+        for (before, &now) in numbers.iter().enumerate().filter(|(_, now)| **now != NONE) {
+            (transport[now as usize], shown[now as usize]) = (self.transport[before], self.shown[before]);
+        }
+        let transport = Arc::new(transport);
+        let shown = Sparse::new(Arc::clone(&transport), shown.into_iter());
+        Self { shown, transport, inflow: self.inflow, rays: self.rays }
+    }
 }
 
 /// Blocks of 2^3 texels a side share a cut through the light tree and the rays of a glance.

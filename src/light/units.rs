@@ -119,7 +119,10 @@ pub fn direct_of(
             let params = DirectParams { unit: number, ..lit.params.clone() };
             let lit = Lit { lights: &lights, params: &params, ..*lit };
             let before = memory.recall_before(&shining)?.filter(|(kept, _)| is_close(kept));
-            let before = before.and_then(|(kept, change)| Some((kept.light(strength, patches)?, change)));
+            let before = before.and_then(|(kept, change)| {
+                let numbers = change.numbers(&lit.ground.runs())?;
+                Some((kept.light(strength, numbers.len())?.renumbered(&numbers, patches), change))
+            });
             let kept = before.as_ref().and_then(|(old, change)| Kept::new(&lit, old, change));
             direct_beside(&lit, &beside.irradiance, kept.as_ref(), progress)
         };

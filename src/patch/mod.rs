@@ -24,6 +24,7 @@ use crate::scene::Scene;
 use crate::trace::{Hit, Tracer};
 use crate::unwrap::Atlas;
 use glam::{Vec2, Vec3};
+use std::ops::Range;
 
 /// No patch.
 pub const NONE: u32 = u32::MAX;
@@ -99,6 +100,19 @@ impl Patches {
         self.charts[self.chart[i] as usize][0]
     }
 
+    /// The patches of each of `surfaces` surfaces: runs, one after the other.
+    pub fn runs(&self, surfaces: usize) -> Vec<Range<u32>> {
+        let mut runs = vec![0..0; surfaces];
+        let mut end = 0;
+        for (s, run) in runs.iter_mut().enumerate() {
+            let first = end;
+            let own = self.chart[first..].partition_point(|chart| self.charts[*chart as usize][0] as usize <= s);
+            end = first + own;
+            *run = first as u32..end as u32;
+        }
+        runs
+    }
+
     /// Pieces of patch `i`, at least one: triangle number over all surfaces, in order, and area [m^2].
     pub fn pieces(&self, i: usize) -> impl ExactSizeIterator<Item = (u32, f32)> {
         let piece = self.piece[i];
@@ -129,6 +143,11 @@ impl Patches {
 }
 
 impl Ground<'_> {
+    /// The patches of each surface.
+    pub fn runs(&self) -> Vec<Range<u32>> {
+        self.patches.runs(self.scene.surfaces.len())
+    }
+
     /// True where patch `i` takes part in the exchange of light; others receive, and rays pass through them.
     pub fn casts(&self, i: usize) -> bool {
         self.scene.surfaces[self.patches.surface(i) as usize].role.casts

@@ -151,12 +151,15 @@ impl Openings {
         Ok(Self::of(find(ground, seed, vec![Opening::ALL; ground.patches.len()], &all, progress)?))
     }
 
-    /// Finds them after a `change`, where it can have changed them.
+    /// Finds them after a `change`, where it can have changed them; all, where these are of other patches.
     ///
     /// # Errors
     /// `Cancelled`.
     pub fn find_again(&self, ground: &Ground, seed: u32, change: &Change, progress: &dyn Progress) -> Result<Self> {
         let patches = ground.patches;
+        let Some(numbers) = change.numbers(&ground.runs()).filter(|_| self.fit(change.patches as usize)) else {
+            return Self::find(ground, seed, progress);
+        };
         let is_near = |i: usize| {
             let reach = NEAR * patches.area[i].sqrt();
             let position = patches.position[i];
@@ -164,8 +167,11 @@ impl Openings {
             change.surfaces[patches.surface(i) as usize] || change.boxes.iter().any(is_in)
         };
         let mut openings = vec![Opening::ALL; patches.len()];
-        for (&[i, open], &share) in self.cells.iter().zip(&self.shares).filter(|(cell, _)| !is_near(cell[0] as usize)) {
-            openings[i as usize] = Opening { cells: CellMask(open as u16), share, is_covered: open & COVERED != 0 };
+        for (&[before, open], &share) in self.cells.iter().zip(&self.shares) {
+            let i = numbers[before as usize] as usize;
+            if i < patches.len() && !is_near(i) {
+                openings[i] = Opening { cells: CellMask(open as u16), share, is_covered: open & COVERED != 0 };
+            }
         }
         Ok(Self::of(find(ground, seed, openings, &is_near, progress)?))
     }

@@ -1,7 +1,7 @@
 //! Light groups of a bake weighed against each other: pages are linear in the light, so that the sum of the groups' layers, each by its
 //! weight, is the page that lights of these strengths would have left, seams and gutters included.
 
-use super::{Shown, finish, lay_out, open, open_store, work};
+use super::{Shown, finish, lay_out, open, open_store, recall_state, work};
 use crate::color::Rgb;
 use crate::compare::{Page, ReadLayer, read_layers};
 use crate::error::{Error, Result};
@@ -64,9 +64,10 @@ pub fn mix(
     let settings = &of_mix(settings);
     let (mut report, loaded, _lock) = open(scene, folder, settings, &clock)?;
     let store = open_store(settings)?;
-    let atlas = lay_out(&loaded, settings, true, &store, &clock, &mut report)?;
-    let (patches, exposure) =
-        texels(&loaded.scene, &atlas, settings, &work(&store, scene, &loaded.scene, &atlas, settings)?, &clock)?;
+    let before = recall_state(&store, scene, settings)?;
+    let (atlas, _) = lay_out(&loaded, settings, true, before.as_ref(), &store, &clock, &mut report)?;
+    let work = work(&store, before.as_ref(), &loaded.scene, &atlas, settings);
+    let (patches, exposure) = texels(&loaded.scene, &atlas, settings, &work, &clock)?;
     read.refuse_others(&atlas, &patches, baked)?;
     clock.begin("mix", 0);
     for name in read.lost() {

@@ -5,7 +5,7 @@ use super::density::Share;
 use super::mask::{Page, Spacing};
 use super::pack::{self, Block, Order, Piece, Slot};
 use super::pages::{Overflow, Paging, add_hidden, assign, cost, place_surfaces};
-use super::{Density, PageSizes, UnwrapParams};
+use super::{Density, UnwrapParams};
 use crate::error::{Error, Result, Warnings};
 use crate::progress::Progress;
 use glam::DVec2;
@@ -42,8 +42,11 @@ pub struct Sized {
 pub struct Layout {
     /// Page sizes [texels].
     pub pages: Vec<[u32; 2]>,
-    /// Texels per metre.
+    /// Texels per metre, and before they were lowered.
     pub density: f64,
+    pub asked: f64,
+    /// Texels per metre of each mesh.
+    pub densities: Vec<f64>,
     /// Empty texels between charts: those asked for, or as many as there is room for.
     pub padding: u32,
     /// By mesh.
@@ -85,20 +88,20 @@ impl Subject<'_> {
     }
 
     /// The density at which shown surfaces have about `count` texels.
-    fn density_of(&self, count: f64) -> f64 {
+    pub fn density_of(&self, count: f64) -> f64 {
         let shown = self.surfaces(true).into_iter();
         Share::density_of(shown.map(|s| (self.areas[s], self.shares[self.meshes[s]])), count)
     }
 }
 
 /// The density of meshes at some density of the bake.
-struct Densities<'a> {
-    shares: &'a [Share],
+pub struct Densities<'a> {
+    pub shares: &'a [Share],
     /// That above which a mesh's charts don't fit a page.
-    caps: &'a [f64],
-    density: f64,
+    pub caps: &'a [f64],
+    pub density: f64,
     /// Before it was lowered.
-    asked: f64,
+    pub asked: f64,
 }
 
 impl Densities<'_> {
@@ -108,8 +111,13 @@ impl Densities<'_> {
     }
 
     /// What mesh `mesh` has.
-    fn of(&self, mesh: usize) -> f64 {
+    pub fn of(&self, mesh: usize) -> f64 {
         self.wanted(mesh).min(self.caps[mesh])
+    }
+
+    /// What each mesh has.
+    pub fn all(&self) -> Vec<f64> {
+        (0..self.caps.len()).map(|mesh| self.of(mesh)).collect()
     }
 }
 
@@ -290,10 +298,20 @@ fn fill(
             let mut page = Page::new([side, side], spacing, spacing.margin());
             if let Some(slots) = place_surfaces(subject, &sized, &shown, &mut page, order, progress)? {
                 let (pages, padding) = (vec![[side, side]], spacing.padding);
-                let mut layout = Layout { pages, density, padding, sized, surfaces: Vec::new(), shown_pages: 1 };
-                layout.surfaces = vec![(0, Vec::new()); subject.meshes.len()];
-                shown.iter().zip(slots).for_each(|(&s, slots)| layout.surfaces[s] = (0, slots));
-                let hidden = Paging { page_size: side, max_pages: MOST_HIDDEN_PAGES, pages: PageSizes::Pot, spacing };
+                let mut surfaces = vec![(0, Vec::new()); subject.meshes.len()];
+                shown.iter().zip(slots).for_each(|(&s, slots)| surfaces[s] = (0, slots));
+                let of_meshes = densities.all();
+                let layout = Layout {
+                    pages,
+                    density,
+                    asked: density,
+                    densities: of_meshes,
+                    padding,
+                    sized,
+                    surfaces,
+                    shown_pages: 1,
+                };
+                let hidden = Paging::hidden(side, params, true);
                 return Ok(add_hidden(subject, layout, &hidden, progress)?.ok());
             }
         }
@@ -337,7 +355,7 @@ fn spread(
 ) -> Result<Option<Layout>> {
     let (spacing, pages) = (params.spacing(), params.pages);
     let paging = Paging { page_size: params.page_size, max_pages: params.max_pages, pages, spacing };
-    let hidden = Paging { max_pages: MOST_HIDDEN_PAGES, ..paging };
+    let hidden = Paging::hidden(params.page_size, params, false);
     let shown = subject.surfaces(true);
     let mut caps = caps(subject, params.page_size, spacing);
     let page_area = f64::from(params.page_size).powi(2);
@@ -359,8 +377,17 @@ fn spread(
                 // Too large ones among the hidden are found by their cost once the layout has taken the sizes.
                 let costs: Vec<f64> = (0..subject.meshes.len()).map(costs_of).collect();
                 let shown_pages = pages.len();
-                let padding = params.padding;
-                let layout = Layout { pages, density, padding, sized, surfaces, shown_pages };
+                let (padding, densities_of_meshes) = (params.padding, densities.all());
+                let layout = Layout {
+                    pages,
+                    density,
+                    asked,
+                    densities: densities_of_meshes,
+                    padding,
+                    sized,
+                    surfaces,
+                    shown_pages,
+                };
                 match add_hidden(subject, layout, &hidden, progress)? {
                     Ok(layout) => {
                         warn_of_lowered(subject, &densities, params, warnings);
@@ -385,7 +412,7 @@ fn spread(
 }
 
 /// Says which densities are not what was asked for.
-fn warn_of_lowered(subject: &Subject, densities: &Densities, params: &UnwrapParams, warnings: &mut Warnings) {
+pub fn warn_of_lowered(subject: &Subject, densities: &Densities, params: &UnwrapParams, warnings: &mut Warnings) {
     let Densities { density, asked, caps, .. } = *densities;
     if density < asked {
         warnings.add(
@@ -405,12 +432,9 @@ fn warn_of_lowered(subject: &Subject, densities: &Densities, params: &UnwrapPara
     }
 }
 
-/// Hidden pages at most; they cost memory alone.
-const MOST_HIDDEN_PAGES: u32 = 1024;
-
 /// The density of each mesh at which a chart is as long as a page of `side` squared, or all of them hold far more than
 /// it.
-fn caps(subject: &Subject, side: u32, spacing: Spacing) -> Vec<f64> {
+pub fn caps(subject: &Subject, side: u32, spacing: Spacing) -> Vec<f64> {
     let side = f64::from(side.saturating_sub(2 * spacing.margin()).max(1));
     let cap = |sizes: &mut dyn Iterator<Item = DVec2>| {
         let (longest, area) = sizes.fold((0f64, 0.0), |(l, a), s| (l.max(s.max_element()), a + s.x * s.y));
@@ -441,7 +465,7 @@ fn demand(subject: &Subject, surfaces: &[usize], densities: &Densities) -> f64 {
 }
 
 /// Every mesh at its density.
-fn measure(subject: &Subject, densities: &Densities, spacing: Spacing, progress: &dyn Progress) -> Result<Vec<Sized>> {
+pub fn measure(subject: &Subject, densities: &Densities, spacing: Spacing, progress: &dyn Progress) -> Result<Vec<Sized>> {
     let measure = |(mesh, content): (usize, &Content)| {
         progress.check()?;
         let density = densities.of(mesh);

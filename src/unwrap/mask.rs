@@ -275,6 +275,17 @@ impl Page {
         None
     }
 
+    /// True where `mask` fits with its top left texel at a place.
+    pub fn is_free(&self, mask: &Mask, [x, y]: [u32; 2]) -> bool {
+        let is_within = [x, y].iter().zip(mask.size).zip(self.size).all(|((at, side), size)| {
+            at.checked_add(side).is_some_and(|end| end <= size) && at % self.spacing.align == self.phase
+        });
+        is_within
+            && mask.runs.iter().all(|&[row, first, length]| {
+                is_clear(self.row(y + row), (x + first) as usize, (x + first + length) as usize)
+            })
+    }
+
     /// Takes the texels of `mask` at a place, and those around them that no other chart may touch.
     pub fn take(&mut self, mask: &Mask, [x, y]: [u32; 2]) {
         for &[row, first, length] in &mask.runs {

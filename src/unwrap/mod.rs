@@ -18,6 +18,7 @@ pub mod authored;
 mod chart;
 mod charting;
 mod density;
+mod earlier;
 mod findings;
 mod layout;
 pub mod mask;
@@ -41,8 +42,9 @@ use authored::Set;
 use chart::Chart;
 use density::Factored;
 pub use density::Share;
+pub use earlier::Earlier;
 pub use findings::{AuthoredUvs, Verdict};
-use glam::Vec2;
+use glam::{Affine3A, Vec2};
 use layout::{Content, Layout, Subject};
 pub use params::{Density, Importance, PageSizes, UnwrapParams, Unwrapper, UvMode};
 use rayon::prelude::*;
@@ -95,6 +97,10 @@ pub struct Unwrapping {
     /// What authored UVs that are not used as they stand were like.
     pub authored: Vec<AuthoredUvs>,
     pub warnings: Warnings,
+    /// What a later atlas can keep; none where authored UVs lie on the page as they stand, and charts that the importance moves.
+    pub earlier: Option<Earlier>,
+    /// Shown surfaces that lie where they did in the earlier atlas; none where it was of no use.
+    pub kept: Option<usize>,
 }
 
 /// The powers of factors that are tried until as many texels as without them find room, and the least share of these that counts as
@@ -108,14 +114,20 @@ const LEAST_TEXELS: f64 = 0.98;
 /// `Invalid` where the scene doesn't fit the pages at any density, or authored UVs that must be kept are unsound;
 /// `Cancelled`.
 pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> Result<(Atlas, Warnings)> {
-    unwrap_judged(scene, params, progress).map(|made| (made.atlas, made.warnings))
+    unwrap_after(scene, params, None, progress).map(|made| (made.atlas, made.warnings))
 }
 
-/// The same, with what authored UVs were like.
+/// The same, with what authored UVs were like. Surfaces that are as they were in an atlas `before` of much the same scene, of the same
+/// parameters, keep their places; without room for what is new, or where a fifth of the texels have come or gone, all is laid out anew.
 ///
 /// # Errors
 /// Those of [`unwrap`].
-pub fn unwrap_judged(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> Result<Unwrapping> {
+pub fn unwrap_after(
+    scene: &Scene,
+    params: &UnwrapParams,
+    before: Option<&Earlier>,
+    progress: &dyn Progress,
+) -> Result<Unwrapping> {
     let mut warnings = Warnings::default();
     let mut users: Vec<Vec<usize>> = vec![Vec::new(); scene.meshes.len()];
     for (s, surface) in scene.surfaces.iter().enumerate() {
@@ -137,7 +149,7 @@ pub fn unwrap_judged(scene: &Scene, params: &UnwrapParams, progress: &dyn Progre
     let is_even = shares.iter().all(|s| *s == Share::default()) && params.volumes.is_empty();
     if !shown.contains(&false) && is_even && params.importance.is_none() {
         if let Some(atlas) = authored::page_space(scene, &mut sets, params, &mut warnings) {
-            return Ok(Unwrapping { atlas, authored, warnings });
+            return Ok(Unwrapping { atlas, authored, warnings, earlier: None, kept: None });
         }
     } else if sets.iter().any(Option::is_some) {
         let message = "with objects of other roles or densities each surface gets a rectangle for its authored UVs";
@@ -150,6 +162,10 @@ pub fn unwrap_judged(scene: &Scene, params: &UnwrapParams, progress: &dyn Progre
     }
     let (areas, meshes) = (areas(scene), scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>());
     let names: Vec<&str> = scene.surfaces.iter().map(|s| s.name.as_str()).collect();
+    let stands: Vec<Affine3A> = scene.surfaces.iter().map(|s| s.world_from_local).collect();
+    // Where texels go by light, they go elsewhere with it.
+    let before = before.filter(|_| params.importance.is_none());
+    let mut of_earlier = None;
     let layout = with_importance(params, &mut warnings, |params, texels, warnings| {
         let Factored { areas, shares } = density::factor(scene, &users, &areas, params, shares.clone(), &mut contents);
         let subject = Subject {
@@ -160,11 +176,22 @@ pub fn unwrap_judged(scene: &Scene, params: &UnwrapParams, progress: &dyn Progre
             shown: &shown,
             shares: &shares,
         };
-        let layout = layout::layout(&subject, params, texels, warnings, progress)?;
+        let kept = match before {
+            Some(before) => before.keep(&subject, &stands, params, warnings, progress)?,
+            None => None,
+        };
+        let (layout, kept) = match kept {
+            Some((layout, kept)) => (layout, Some(kept)),
+            None => (layout::layout(&subject, params, texels, warnings, progress)?, None),
+        };
         let texels = layout.texels(&subject);
+        let earlier = Earlier::new(&subject, &stands, &layout, params);
+        of_earlier = Some((earlier.after(before.filter(|_| kept.is_some())), kept));
         Ok((layout, texels))
     })?;
-    Ok(Unwrapping { atlas: place::place(scene, contents, sets, layout), authored, warnings })
+    let (earlier, kept) = of_earlier.filter(|_| params.importance.is_none()).unzip();
+    let (atlas, kept) = (place::place(scene, contents, sets, layout), kept.flatten());
+    Ok(Unwrapping { atlas, authored, warnings, earlier, kept })
 }
 
 /// What `lay_out` makes of `params`; where those have an importance, as many texels as without it: factors that leave no room for so

@@ -9,6 +9,7 @@ use super::mask::{Mask, Page, Spacing};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec2;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// Boxes of up to this many texels are packed as boxes: their shape gains little, and equal boxes pack much faster.
@@ -23,7 +24,7 @@ pub struct Piece {
 }
 
 /// Where a piece went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Slot {
     /// Its top left texel.
     pub at: [u32; 2],

@@ -1,6 +1,6 @@
 //! Which page each surface goes on, and how large the pages are.
 
-use super::PageSizes;
+use super::{PageSizes, UnwrapParams};
 use super::layout::{Layout, Sized, Subject};
 use super::mask::{Page, Spacing};
 use super::pack::{self, Order, Piece, Slot};
@@ -22,6 +22,17 @@ pub struct Paging {
     pub max_pages: u32,
     pub pages: PageSizes,
     pub spacing: Spacing,
+}
+
+/// Hidden pages at most; they cost memory alone.
+const MOST_HIDDEN_PAGES: u32 = 1024;
+
+impl Paging {
+    /// Pages of up to `page_size` squared for surfaces that aren't shown, behind a `single` page or several.
+    pub fn hidden(page_size: u32, params: &UnwrapParams, single: bool) -> Self {
+        let pages = if single { PageSizes::Pot } else { params.pages };
+        Self { page_size, max_pages: MOST_HIDDEN_PAGES, pages, spacing: params.spacing() }
+    }
 }
 
 /// Adds pages for the surfaces that aren't shown to the layout of those that are.
