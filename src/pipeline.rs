@@ -30,7 +30,7 @@ use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
 use crate::store::{FolderLock, Key, Store};
 use crate::transport::Method as FormFactors;
-use crate::unwrap::{self, Atlas, Earlier, UnwrapParams};
+use crate::unwrap::{self, Atlas, Earlier, Parts, Places, UnwrapParams};
 use crate::view_factors::{Figures, view_factors};
 use crate::work::{Stored, Tally, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
@@ -63,7 +63,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let store = open_store(settings)?;
     let before = recall_state(&store, scene, settings)?;
     let is_relit = settings.relight.is_some();
-    let (atlas, earlier) = lay_out(&loaded, settings, is_relit, before.as_ref(), &store, &clock, &mut report)?;
+    let (atlas, places) = lay_out(&loaded, settings, is_relit, before.as_ref(), &store, &clock, &mut report)?;
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
@@ -82,7 +82,7 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
     work.forget_parts(PARTS);
-    remember_state(&store, scene, settings, &state(&loaded.scene, &atlas, &lit.patches).laid_out(earlier));
+    remember_state(&store, scene, settings, &state(&loaded.scene, &atlas, &lit.patches).laid_out(places));
     report.warnings.extend(store.take_warnings());
     report.reused.extend(work.tally());
     report.texels = lit.patches.len();
@@ -135,13 +135,7 @@ fn base(scene: &Scene, atlas: &Atlas) -> Key {
 }
 
 /// The work on a scene with lightmap UVs, as far as it is remembered; `before` is what the last bake was of.
-fn work<'a>(
-    store: &'a Store,
-    before: Option<&State>,
-    scene: &Scene,
-    atlas: &Atlas,
-    settings: &Settings,
-) -> Work<'a> {
+fn work<'a>(store: &'a Store, before: Option<&State>, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Work<'a> {
     if store.is_none() {
         return Work::unstored();
     }
@@ -167,14 +161,31 @@ fn recall_state(store: &Store, file: &Path, settings: &Settings) -> Result<Optio
 
 /// Notes what the bake of `file` was of, for the next one.
 fn remember_state(store: &Store, file: &Path, settings: &Settings, state: &State) {
+    let sections = state.sections();
+    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
+    remember(store, STATE, state_key(file, settings), &sections);
+}
+
+/// Keeps what saves later bakes time. Where that can't be, it is said, and this one goes on.
+fn remember(store: &Store, kind: &str, key: Key, sections: &[&[u8]]) {
     if store.is_none() {
         return;
     }
-    let sections = state.sections();
-    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
-    if let Err(error) = store.write(STATE, state_key(file, settings), &sections) {
+    if let Err(error) = store.write(kind, key, sections) {
         store.warn("cache", error);
     }
+}
+
+/// What is known of the parts of the meshes of `file`.
+fn recall_parts(store: &Store, file: &Path) -> Result<Parts> {
+    let entry = store.read(PARTS_OF_MESHES, parts_key(file))?;
+    Ok(entry.and_then(|entry| Parts::from_bytes(entry.section(0))).unwrap_or_default())
+}
+
+/// The key under which what unwrappers made of the parts of the meshes of `file` stands.
+fn parts_key(file: &Path) -> Key {
+    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    Key::of("charts 1", |hasher| hasher.add_str(&file.to_string_lossy()))
 }
 
 /// The key under which the state of the last bake of `file` with such texels stands.
@@ -185,6 +196,9 @@ fn state_key(file: &Path, settings: &Settings) -> Key {
         hasher.add_debug(&settings.unwrap_params());
     })
 }
+
+/// The kind of entries that say what unwrappers made of meshes.
+const PARTS_OF_MESHES: &str = "charts";
 
 /// The kind of entries by which bakes of one file know what the last one was of.
 const STATE: &str = "state";
@@ -455,7 +469,7 @@ fn lay_out(
     store: &Store,
     clock: &Clock,
     report: &mut Report,
-) -> Result<(Atlas, Option<Earlier>)> {
+) -> Result<(Atlas, Option<Places>)> {
     let scene = &loaded.scene;
     let is_adaptive = settings.adaptive_density.is_some_and(|strength| strength > 0.0);
     let known = if is_adaptive && as_before { adaptive::kept::recall(scene, settings, store)? } else { None };
@@ -468,11 +482,17 @@ fn lay_out(
     }
     let (importance, adaptive) = adapted.unzip();
     let params = UnwrapParams { importance, ..settings.unwrap_params() };
-    let before = before.and_then(State::earlier).filter(|_| !settings.fresh_places);
-    let made = unwrap::unwrap_after(&loaded.scene, &params, before, clock)?;
-    let unwrap::Unwrapping { atlas, authored, warnings, earlier, kept } = made;
+    let before = Earlier {
+        places: before.and_then(State::places).filter(|_| !settings.fresh_places).cloned(),
+        parts: recall_parts(store, loaded.path())?,
+    };
+    let made = unwrap::unwrap_after(&loaded.scene, &params, &before, clock)?;
+    let unwrap::Unwrapping { atlas, authored, warnings, earlier: Earlier { places, parts }, kept } = made;
     report.warnings.extend(warnings);
-    if before.is_some() && earlier.is_some() {
+    if parts != before.parts {
+        remember(store, PARTS_OF_MESHES, parts_key(loaded.path()), &[&parts.to_bytes()]);
+    }
+    if before.places.is_some() && places.is_some() {
         let shown = loaded.scene.surfaces.iter().filter(|s| s.role.is_shown()).count();
         let reused = kept.unwrap_or(0);
         let places = Tally { reused: reused as u64, anew: (shown - reused) as u64 };
@@ -482,7 +502,7 @@ fn lay_out(
     report.adaptive = adaptive.map(of_charts);
     report.authored_uvs = authored;
     limits::check_atlas(loaded, &atlas, settings)?;
-    Ok((atlas, earlier))
+    Ok((atlas, places))
 }
 
 /// What files show of the light.

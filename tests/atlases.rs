@@ -10,7 +10,7 @@ use glam::{Affine3A, Vec2, Vec3};
 use lumel::progress::Silent;
 use lumel::scene::{Mesh, Scene, UvSet};
 use lumel::unwrap::{
-    Atlas, Density, DensityVolume, Importance, PageSizes, UnwrapParams, Unwrapper, UvMode, Verdict, unwrap,
+    Atlas, Density, DensityVolume, Earlier, Importance, PageSizes, UnwrapParams, Unwrapper, UvMode, Verdict, unwrap,
     unwrap_after,
 };
 use std::collections::BTreeSet;
@@ -419,7 +419,7 @@ fn clumsy() -> Mesh {
 fn repacking_keeps_the_shapes_of_authored_charts() {
     let scene = scene(vec![clumsy()]);
     let p = UnwrapParams { uv: UvMode::Repack, ..params(Density::TexelsPerMetre(64.0)) };
-    let made = unwrap_after(&scene, &p, None, &Silent).unwrap();
+    let made = unwrap_after(&scene, &p, &Earlier::default(), &Silent).unwrap();
     let found = sound("repacked", &scene, &made.atlas);
     assert_eq!(found.charts, 2);
     assert!(made.warnings.is_empty(), "{:?}", made.warnings);
@@ -438,7 +438,7 @@ fn repacking_keeps_the_shapes_of_authored_charts() {
     let [u, v] = sides(2);
     assert!((u / v - 1.0).abs() < 0.01 && (u * v / (64.0 * 64.0 * 2f32.sqrt()) - 1.0).abs() < 0.02, "{u} {v}");
     // Without repacking, they are refused, and the report says why.
-    let made = unwrap_after(&scene, &UnwrapParams { uv: UvMode::Auto, ..p }, None, &Silent).unwrap();
+    let made = unwrap_after(&scene, &UnwrapParams { uv: UvMode::Auto, ..p }, &Earlier::default(), &Silent).unwrap();
     assert_eq!(made.authored[0].verdict, Verdict::Refused);
     assert_eq!(made.authored[0].reason.as_deref(), Some("leaves 0..1"));
     assert_eq!(made.warnings.iter().count(), 1);
@@ -449,7 +449,7 @@ fn repacked_charts_of_instances_have_rectangles() {
     let mut scene = scene(vec![clumsy(), cube(Vec3::ONE)]);
     scene.surfaces.push(surface("/second", 0, Affine3A::from_translation(Vec3::Z)));
     let p = UnwrapParams { uv: UvMode::Repack, ..params(Density::TexelsPerMetre(40.0)) };
-    let made = unwrap_after(&scene, &p, None, &Silent).unwrap();
+    let made = unwrap_after(&scene, &p, &Earlier::default(), &Silent).unwrap();
     // Two charts for each instance, and six new ones of the cube, which has no UVs.
     assert_eq!(sound("instances", &scene, &made.atlas).charts, 10);
     assert_eq!(made.authored.len(), 1);

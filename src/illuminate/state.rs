@@ -3,7 +3,7 @@
 use crate::digest;
 use crate::scene::{Scene, Surface};
 use crate::store::{Entry, Key};
-use crate::unwrap::{Atlas, Earlier};
+use crate::unwrap::{Atlas, Places};
 use crate::work::{Change, Stored};
 use glam::Vec3;
 use std::borrow::Cow;
@@ -25,8 +25,8 @@ pub struct State {
     /// What its results depended on.
     base: Key,
     surfaces: Vec<Known>,
-    /// How its atlas was laid out, where a later one can keep that.
-    earlier: Option<Earlier>,
+    /// Where surfaces lay, as far as a later atlas can keep that.
+    places: Option<Places>,
 }
 
 /// What is known of a surface.
@@ -61,17 +61,17 @@ impl State {
             patches: patches.get(s).cloned().unwrap_or_default(),
         };
         let keys = digest::surfaces(scene).into_iter().zip(digest::places(scene, atlas));
-        Self { base, surfaces: keys.enumerate().map(known).collect(), earlier: None }
+        Self { base, surfaces: keys.enumerate().map(known).collect(), places: None }
     }
 
-    /// The same with what a later atlas can keep of this one.
-    pub fn laid_out(self, earlier: Option<Earlier>) -> Self {
-        Self { earlier, ..self }
+    /// The same with what a later atlas can keep of this one's `places`.
+    pub fn laid_out(self, places: Option<Places>) -> Self {
+        Self { places, ..self }
     }
 
     /// What a later atlas can keep.
-    pub fn earlier(&self) -> Option<&Earlier> {
-        self.earlier.as_ref()
+    pub fn places(&self) -> Option<&Places> {
+        self.places.as_ref()
     }
 
     /// What is otherwise than in the bake `before`: its base, and the change; `None` where that one is of no use.
@@ -145,7 +145,9 @@ fn joined(boxes: Vec<[Vec3; 2]>) -> Vec<[Vec3; 2]> {
     };
     let mut all: Vec<[Vec3; 2]> = Vec::new();
     for mut next in boxes {
-        while let Some(k) = all.iter().position(|other| area(around(next, *other)) <= JOINED * (area(next) + area(*other))) {
+        while let Some(k) =
+            all.iter().position(|other| area(around(next, *other)) <= JOINED * (area(next) + area(*other)))
+        {
             next = around(next, all.swap_remove(k));
         }
         all.push(next);
@@ -158,14 +160,15 @@ impl Stored for State {
         let of_surface = |known: &Known| [known.what, known.who, known.place];
         let keys = [self.base].into_iter().chain(self.surfaces.iter().flat_map(of_surface));
         let keys: Vec<u8> = keys.flat_map(|key| *key.as_bytes()).collect();
-        let bounds: Vec<f32> = self.surfaces.iter().flat_map(|s| s.bounds).flat_map(|corner| corner.to_array()).collect();
+        let bounds: Vec<f32> =
+            self.surfaces.iter().flat_map(|s| s.bounds).flat_map(|corner| corner.to_array()).collect();
         let ends: Vec<u32> = self.surfaces.iter().map(|known| known.patches.end).collect();
-        let earlier = serde_json::to_vec(&self.earlier).unwrap_or_default();
+        let places = serde_json::to_vec(&self.places).unwrap_or_default();
         vec![
             Cow::Owned(keys),
             Cow::Owned(bytemuck::cast_slice(&bounds).to_vec()),
             Cow::Owned(bytemuck::cast_slice(&ends).to_vec()),
-            Cow::Owned(earlier),
+            Cow::Owned(places),
         ]
     }
 
@@ -184,8 +187,8 @@ impl Stored for State {
             first = end;
         }
         let is_whole = surfaces.len() == bounds.len() && surfaces.len() == ends.len() && keys.next().is_none();
-        let earlier = serde_json::from_slice(entry.section(3)).ok()?;
-        is_whole.then_some(Self { base, surfaces, earlier })
+        let places = serde_json::from_slice(entry.section(3)).ok()?;
+        is_whole.then_some(Self { base, surfaces, places })
     }
 }
 

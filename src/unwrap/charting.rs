@@ -3,10 +3,12 @@
 use super::chart::{self, Chart, Proportions};
 use super::params::Unwrapper;
 use super::part::{Part, Unwrapped};
+use super::parts::{self, Parts};
 use super::shape::Shape;
 use super::{split, uvunwrap, xatlas};
 use crate::error::Result;
 use crate::progress::Progress;
+use crate::store::Key;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
@@ -24,14 +26,17 @@ struct Job {
     part: Part,
 }
 
-/// What came of a batch: charts and rejected triangles, each with their shape.
-type Batch = Vec<(usize, Vec<Chart>, Vec<u32>)>;
-
-/// The charts of each shape, in a fixed order. `progress` advances by triangles.
+/// The charts of each shape, in a fixed order; what `known` has of parts is taken from there, and what is found is put there.
+/// `progress` advances by triangles.
 ///
 /// # Errors
 /// `Cancelled`.
-pub fn charts(shapes: &[Shape], unwrapper: Unwrapper, progress: &dyn Progress) -> Result<Vec<Vec<Chart>>> {
+pub fn charts(
+    shapes: &[Shape],
+    unwrapper: Unwrapper,
+    known: &mut Known,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<Chart>>> {
     let prepared: Vec<_> =
         shapes.par_iter().enumerate().map(|(i, shape)| prepare(i, shape, unwrapper, progress)).collect();
     progress.check()?;
@@ -42,20 +47,57 @@ pub fn charts(shapes: &[Shape], unwrapper: Unwrapper, progress: &dyn Progress) -
         rejected.push(left);
         jobs.extend(curved);
     }
-    let batches: Vec<Batch> = batches(jobs)
-        .into_par_iter()
-        .map(|batch| {
-            progress.check()?;
-            run(shapes, batch, unwrapper, progress)
-        })
-        .collect::<Result<_>>()?;
-    for (shape, flat, left) in batches.into_iter().flatten() {
-        charts[shape].extend(flat);
-        rejected[shape].extend(left);
+    let unwrapped = unwrap(&jobs, unwrapper, known, progress)?;
+    let proportions = match unwrapper {
+        Unwrapper::Xatlas => Proportions::Lost,
+        Unwrapper::Uvunwrap => Proportions::Kept,
+    };
+    let finished: Vec<_> = (jobs.par_iter().zip(&unwrapped))
+        .map(|(job, unwrapped)| finish(&shapes[job.shape], job, unwrapped, proportions))
+        .collect();
+    for (job, (curved, left)) in jobs.iter().zip(finished) {
+        charts[job.shape].extend(curved);
+        rejected[job.shape].extend(left);
     }
     let projected: Vec<_> = rejected.par_iter().zip(shapes).map(|(t, shape)| chart::projected(shape, t)).collect();
     charts.iter_mut().zip(projected).for_each(|(c, p)| c.extend(p));
     Ok(charts)
+}
+
+/// What is known of parts: from an earlier atlas, and now.
+pub struct Known<'a> {
+    pub before: &'a Parts,
+    pub now: Parts,
+}
+
+/// What the unwrapper makes of each job.
+fn unwrap(jobs: &[Job], unwrapper: Unwrapper, known: &mut Known, progress: &dyn Progress) -> Result<Vec<Unwrapped>> {
+    let keys: Vec<Key> = jobs.par_iter().map(|job| parts::key(&job.part, unwrapper)).collect();
+    let find = |(k, job): (&Key, &Job)| {
+        let found = known.before.find(*k).filter(|u| u.chart.len() == job.triangles.len())?;
+        progress.advance(job.triangles.len() as u64);
+        Some(found.clone())
+    };
+    let mut unwrapped: Vec<Option<Unwrapped>> = keys.iter().zip(jobs).map(find).collect();
+    let left: Vec<usize> = (0..jobs.len()).filter(|&j| unwrapped[j].is_none()).collect();
+    let batches = batches(jobs, &left);
+    let run = |batch: &Vec<usize>| {
+        progress.check()?;
+        let parts: Vec<&Part> = batch.iter().map(|&j| &jobs[j].part).collect();
+        let unwrapped = match unwrapper {
+            Unwrapper::Xatlas => xatlas::unwrap_parts(&parts),
+            Unwrapper::Uvunwrap => parts.iter().map(|p| uvunwrap::unwrap_part(p, progress)).collect::<Result<_>>()?,
+        };
+        progress.advance(batch.iter().map(|&j| jobs[j].triangles.len() as u64).sum());
+        Ok(unwrapped)
+    };
+    let made: Vec<Vec<Unwrapped>> = batches.par_iter().map(run).collect::<Result<_>>()?;
+    for (j, made) in batches.concat().into_iter().zip(made.into_iter().flatten()) {
+        unwrapped[j] = Some(made);
+    }
+    let unwrapped: Vec<Unwrapped> = unwrapped.into_iter().map(Option::unwrap_or_default).collect();
+    keys.into_iter().zip(&unwrapped).for_each(|(key, made)| known.now.put(key, made.clone()));
+    Ok(unwrapped)
 }
 
 /// Charts for the flat parts of a mesh, triangles that the unwrapper can't take, and jobs for the rest.
@@ -132,11 +174,12 @@ fn job(index: usize, shape: &Shape, triangles: &[u32], rejected: &mut Vec<u32>) 
     job
 }
 
-fn batches(jobs: Vec<Job>) -> Vec<Vec<Job>> {
-    let mut batches: Vec<Vec<Job>> = Vec::new();
+/// Those of `jobs` that are `left`, by number, some to each call.
+fn batches(jobs: &[Job], left: &[usize]) -> Vec<Vec<usize>> {
+    let mut batches: Vec<Vec<usize>> = Vec::new();
     let mut size = usize::MAX;
-    for job in jobs {
-        let next = job.triangles.len();
+    for &job in left {
+        let next = jobs[job].triangles.len();
         if size.saturating_add(next) > BATCH_TRIANGLES || batches.last().is_none_or(|b| b.len() >= BATCH_PARTS) {
             batches.push(Vec::new());
             size = 0;
@@ -145,24 +188,6 @@ fn batches(jobs: Vec<Job>) -> Vec<Vec<Job>> {
         batches.last_mut().expect("just pushed").push(job);
     }
     batches
-}
-
-fn run(shapes: &[Shape], mut batch: Vec<Job>, unwrapper: Unwrapper, progress: &dyn Progress) -> Result<Batch> {
-    let parts: Vec<Part> = batch.iter_mut().map(|j| std::mem::take(&mut j.part)).collect();
-    let unwrapped = match unwrapper {
-        Unwrapper::Xatlas => xatlas::unwrap_parts(&parts),
-        Unwrapper::Uvunwrap => parts.iter().map(|p| uvunwrap::unwrap_part(p, progress)).collect::<Result<_>>()?,
-    };
-    let proportions = match unwrapper {
-        Unwrapper::Xatlas => Proportions::Lost,
-        Unwrapper::Uvunwrap => Proportions::Kept,
-    };
-    let finished = batch.iter().zip(&unwrapped).map(|(job, unwrapped)| {
-        let (charts, rejected) = finish(&shapes[job.shape], job, unwrapped, proportions);
-        progress.advance(job.triangles.len() as u64);
-        (job.shape, charts, rejected)
-    });
-    Ok(finished.collect())
 }
 
 /// The charts of a part from what the unwrapper made of it, and the triangles that it left out or spoilt.

@@ -24,7 +24,7 @@ const LEAST_KEPT: f64 = 0.5;
 
 /// How an atlas was laid out, as far as a later one keeps it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Earlier {
+pub struct Places {
     /// The parameters, as they are printed.
     params: String,
     /// Sizes of the shown pages [texels].
@@ -60,7 +60,7 @@ fn sizes(sized: &Sized) -> Vec<[u32; 2]> {
     sized.pieces.iter().map(|piece| piece.mask.size).collect()
 }
 
-impl Earlier {
+impl Places {
     /// What later atlases may keep of `layout`; `stands` are the places of surfaces in space.
     pub(super) fn new(subject: &Subject, stands: &[Affine3A], layout: &Layout, params: &UnwrapParams) -> Self {
         let place = |s: usize| {
@@ -117,7 +117,9 @@ impl Earlier {
     fn caps(&self, subject: &Subject, mut caps: Vec<f64>) -> Vec<f64> {
         let known: HashMap<&str, f64> = self.surfaces.iter().map(|p| (p.name.as_str(), p.density)).collect();
         for (&mesh, name) in subject.meshes.iter().zip(subject.names) {
-            if let Some(density) = known.get(name).filter(|density| **density < subject.shares[mesh].at(self.density, self.asked)) {
+            if let Some(density) =
+                known.get(name).filter(|density| **density < subject.shares[mesh].at(self.density, self.asked))
+            {
                 caps[mesh] = caps[mesh].min(*density);
             }
         }

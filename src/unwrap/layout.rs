@@ -465,7 +465,12 @@ fn demand(subject: &Subject, surfaces: &[usize], densities: &Densities) -> f64 {
 }
 
 /// Every mesh at its density.
-pub fn measure(subject: &Subject, densities: &Densities, spacing: Spacing, progress: &dyn Progress) -> Result<Vec<Sized>> {
+pub fn measure(
+    subject: &Subject,
+    densities: &Densities,
+    spacing: Spacing,
+    progress: &dyn Progress,
+) -> Result<Vec<Sized>> {
     let measure = |(mesh, content): (usize, &Content)| {
         progress.check()?;
         let density = densities.of(mesh);

@@ -27,6 +27,7 @@ mod pack;
 mod pages;
 mod params;
 mod part;
+mod parts;
 mod place;
 mod repack;
 mod shape;
@@ -40,13 +41,15 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use authored::Set;
 use chart::Chart;
+use charting::Known;
 use density::Factored;
 pub use density::Share;
-pub use earlier::Earlier;
+pub use earlier::Places;
 pub use findings::{AuthoredUvs, Verdict};
 use glam::{Affine3A, Vec2};
 use layout::{Content, Layout, Subject};
 pub use params::{Density, Importance, PageSizes, UnwrapParams, Unwrapper, UvMode};
+pub use parts::Parts;
 use rayon::prelude::*;
 use shape::Shape;
 pub use volume::DensityVolume;
@@ -97,10 +100,19 @@ pub struct Unwrapping {
     /// What authored UVs that are not used as they stand were like.
     pub authored: Vec<AuthoredUvs>,
     pub warnings: Warnings,
-    /// What a later atlas can keep; none where authored UVs lie on the page as they stand, and charts that the importance moves.
-    pub earlier: Option<Earlier>,
+    /// What a later atlas can keep of this one.
+    pub earlier: Earlier,
     /// Shown surfaces that lie where they did in the earlier atlas; none where it was of no use.
     pub kept: Option<usize>,
+}
+
+/// What an atlas keeps of an earlier one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Earlier {
+    /// Where surfaces lay; none where authored UVs lie on the page as they stand, and where an importance moves charts.
+    pub places: Option<Places>,
+    /// What unwrappers made of the parts of meshes.
+    pub parts: Parts,
 }
 
 /// The powers of factors that are tried until as many texels as without them find room, and the least share of these that counts as
@@ -114,7 +126,7 @@ const LEAST_TEXELS: f64 = 0.98;
 /// `Invalid` where the scene doesn't fit the pages at any density, or authored UVs that must be kept are unsound;
 /// `Cancelled`.
 pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> Result<(Atlas, Warnings)> {
-    unwrap_after(scene, params, None, progress).map(|made| (made.atlas, made.warnings))
+    unwrap_after(scene, params, &Earlier::default(), progress).map(|made| (made.atlas, made.warnings))
 }
 
 /// The same, with what authored UVs were like. Surfaces that are as they were in an atlas `before` of much the same scene, of the same
@@ -125,7 +137,7 @@ pub fn unwrap(scene: &Scene, params: &UnwrapParams, progress: &dyn Progress) -> 
 pub fn unwrap_after(
     scene: &Scene,
     params: &UnwrapParams,
-    before: Option<&Earlier>,
+    before: &Earlier,
     progress: &dyn Progress,
 ) -> Result<Unwrapping> {
     let mut warnings = Warnings::default();
@@ -149,7 +161,7 @@ pub fn unwrap_after(
     let is_even = shares.iter().all(|s| *s == Share::default()) && params.volumes.is_empty();
     if !shown.contains(&false) && is_even && params.importance.is_none() {
         if let Some(atlas) = authored::page_space(scene, &mut sets, params, &mut warnings) {
-            return Ok(Unwrapping { atlas, authored, warnings, earlier: None, kept: None });
+            return Ok(Unwrapping { atlas, authored, warnings, earlier: Earlier::default(), kept: None });
         }
     } else if sets.iter().any(Option::is_some) {
         let message = "with objects of other roles or densities each surface gets a rectangle for its authored UVs";
@@ -157,15 +169,16 @@ pub fn unwrap_after(
     }
     let fresh: Vec<usize> = (0..users.len()).filter(used).filter(|&m| sets[m].is_none()).collect();
     let mut contents: Vec<Content> = sets.iter().map(|s| s.as_ref().map_or(Content::Unused, Set::content)).collect();
-    for (m, charts) in charts(scene, &users, &fresh, params, &mut authored, progress)? {
+    let mut known = Known { before: &before.parts, now: Parts::default() };
+    for (m, charts) in charts(scene, &users, &fresh, params, (&mut authored, &mut known), progress)? {
         contents[m] = if users[m].len() == 1 { Content::Charts(charts) } else { Content::Shared(charts) };
     }
     let (areas, meshes) = (areas(scene), scene.surfaces.iter().map(|s| s.mesh).collect::<Vec<_>>());
     let names: Vec<&str> = scene.surfaces.iter().map(|s| s.name.as_str()).collect();
     let stands: Vec<Affine3A> = scene.surfaces.iter().map(|s| s.world_from_local).collect();
     // Where texels go by light, they go elsewhere with it.
-    let before = before.filter(|_| params.importance.is_none());
-    let mut of_earlier = None;
+    let before = before.places.as_ref().filter(|_| params.importance.is_none());
+    let mut places = None;
     let layout = with_importance(params, &mut warnings, |params, texels, warnings| {
         let Factored { areas, shares } = density::factor(scene, &users, &areas, params, shares.clone(), &mut contents);
         let subject = Subject {
@@ -185,13 +198,14 @@ pub fn unwrap_after(
             None => (layout::layout(&subject, params, texels, warnings, progress)?, None),
         };
         let texels = layout.texels(&subject);
-        let earlier = Earlier::new(&subject, &stands, &layout, params);
-        of_earlier = Some((earlier.after(before.filter(|_| kept.is_some())), kept));
+        let own = Places::new(&subject, &stands, &layout, params);
+        places = Some((own.after(before.filter(|_| kept.is_some())), kept));
         Ok((layout, texels))
     })?;
-    let (earlier, kept) = of_earlier.filter(|_| params.importance.is_none()).unzip();
-    let (atlas, kept) = (place::place(scene, contents, sets, layout), kept.flatten());
-    Ok(Unwrapping { atlas, authored, warnings, earlier, kept })
+    let (places, kept) = places.filter(|_| params.importance.is_none()).unzip();
+    let atlas = place::place(scene, contents, sets, layout);
+    let earlier = Earlier { places, parts: known.now };
+    Ok(Unwrapping { atlas, authored, warnings, earlier, kept: kept.flatten() })
 }
 
 /// What `lay_out` makes of `params`; where those have an importance, as many texels as without it: factors that leave no room for so
@@ -216,19 +230,19 @@ fn with_importance(
     Ok(even)
 }
 
-/// The charts of the meshes `fresh`: authored ones where those are to be packed anew, else new ones. Says in `authored` which
-/// were.
+/// The charts of the meshes `fresh`: authored ones where those are to be packed anew, else new ones, as far as they aren't `known`. Says in
+/// `authored` which were.
 fn charts(
     scene: &Scene,
     users: &[Vec<usize>],
     fresh: &[usize],
     params: &UnwrapParams,
-    authored: &mut Vec<AuthoredUvs>,
+    (authored, known): (&mut Vec<AuthoredUvs>, &mut Known),
     progress: &dyn Progress,
 ) -> Result<Vec<(usize, Vec<Chart>)>> {
     let shapes: Vec<Shape> = fresh.par_iter().map(|&m| Shape::new(scene, m, &users[m])).collect();
     if params.uv != UvMode::Repack {
-        let charts = charting::charts(&shapes, params.unwrapper, progress)?;
+        let charts = charting::charts(&shapes, params.unwrapper, known, progress)?;
         return Ok(fresh.iter().copied().zip(charts).collect());
     }
     let repacked = repack::charts(scene, users, fresh, &shapes, params, progress)?;
@@ -245,7 +259,7 @@ fn charts(
             }
         }
     }
-    let charts = charting::charts(&left_shapes, params.unwrapper, progress)?;
+    let charts = charting::charts(&left_shapes, params.unwrapper, known, progress)?;
     result.extend(left.into_iter().zip(charts));
     Ok(result)
 }

@@ -1,9 +1,9 @@
 //! Which page each surface goes on, and how large the pages are.
 
-use super::{PageSizes, UnwrapParams};
 use super::layout::{Layout, Sized, Subject};
 use super::mask::{Page, Spacing};
 use super::pack::{self, Order, Piece, Slot};
+use super::{PageSizes, UnwrapParams};
 use crate::error::Result;
 use crate::progress::Progress;
 

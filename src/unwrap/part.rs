@@ -12,7 +12,7 @@ pub struct Part {
 }
 
 /// What an unwrapper makes of a [`Part`].
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unwrapped {
     /// The chart of each triangle, or `u32::MAX` where it was left out.
     pub chart: Vec<u32>,

@@ -29,7 +29,7 @@ const DENSE: f32 = 64.0;
 const PAGE: u32 = 256;
 
 /// Charts and flattens `parts`; each chart comes scaled to a unit square somewhere, and may be mirrored. Equal input gives equal bits: xatlas seeds its own random numbers for each part.
-pub fn unwrap_parts(parts: &[Part]) -> Vec<Unwrapped> {
+pub fn unwrap_parts(parts: &[&Part]) -> Vec<Unwrapped> {
     static QUIET: Once = Once::new();
     // SAFETY: xatlas takes a null print function for "print nothing"; `Once` keeps the write of its global single.
     QUIET.call_once(|| unsafe { set_print(None, false) });
