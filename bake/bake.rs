@@ -51,7 +51,10 @@ fn run(
     let scene = args.scene().path().to_path_buf();
     let Resolved { mut settings, file } = config::resolve(args)?;
     let folder = destination::folder(&scene, output);
-    settings.cache = if remembers { settings.cache.or_else(|| Some(destination::cache(&folder))) } else { None };
+    match remembers {
+        true => destination::set_cache(&mut settings, &folder),
+        false => settings.cache = None,
+    }
     carry_out(Order { scene, folder, settings, file, merges: false }, console, job)
 }
 

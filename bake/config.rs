@@ -230,7 +230,7 @@ pub fn resolve(args: &impl Typed) -> std::result::Result<Resolved, Failure> {
 }
 
 /// The settings that a process has of its own, and keys that say them.
-const OWN_KEYS: [&str; 5] = ["cache", "checkpoint", "shard", "threads", "overwrite"];
+const OWN_KEYS: [&str; 6] = ["cache", "cache-limit", "checkpoint", "shard", "threads", "overwrite"];
 
 /// What is typed beside a plan: where and how the work is done on this machine.
 ///

@@ -1,5 +1,6 @@
 //! Where results go, and that they never replace an input.
 
+use lumel::settings::Settings;
 use lumel::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -16,6 +17,17 @@ pub fn folder(scene: &Path, asked: Option<&Path>) -> PathBuf {
 /// The cache of bakes into `folder`, unless another is asked for.
 pub fn cache(folder: &Path) -> PathBuf {
     folder.join(".lumel")
+}
+
+/// What that may hold [bytes]: nobody looks there, and each change of a scene adds to it.
+const CACHE_LIMIT: u64 = 4 << 30;
+
+/// Sets the cache of `settings` to that of bakes into `folder`, unless they have one.
+pub fn set_cache(settings: &mut Settings, folder: &Path) {
+    if settings.cache.is_none() {
+        settings.cache = Some(cache(folder));
+        settings.cache_limit.get_or_insert(CACHE_LIMIT);
+    }
 }
 
 /// Refuses an output folder in which a result would replace one of `inputs`.

@@ -24,7 +24,7 @@ pub fn relight(args: &RelightArgs, console: &Console) -> Result<(), Failure> {
     let what = if earlier.has_changed { "the scene has changed since it was baked; bake anew" } else { "bake first" };
     let advice = format!("{what} (or relight with --or-bake): {}", earlier.command()?);
     settings.relight = Some(Relight { baked: Box::new(base), advice, or_bake: args.or_bake });
-    settings.cache = settings.cache.or_else(|| Some(destination::cache(&earlier.folder)));
+    destination::set_cache(&mut settings, &earlier.folder);
     let folder = args.output.as_deref().unwrap_or(&earlier.folder);
     settings.overwrite |= is_same(folder, &earlier.folder);
     let order = Order { scene: earlier.scene, folder: folder.to_path_buf(), settings, file, merges: false };

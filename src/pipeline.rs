@@ -35,6 +35,7 @@ use crate::view_factors::{Figures, view_factors};
 use crate::work::{Stored, Tally, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 pub use crate::report::Report;
 
@@ -52,7 +53,7 @@ const LEAST_SAMPLES: u32 = 64;
 /// # Errors
 /// Those of the stages; nothing is written unless the whole bake succeeds.
 pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
-    let clock = Clock::new(progress);
+    let (clock, start) = (Clock::new(progress), SystemTime::now());
     let (mut report, mut loaded, _lock) = open(scene, folder, settings, &clock)?;
     refuse_darkness(&loaded, settings)?;
     // Too many probes are found out now, too.
@@ -83,6 +84,11 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
     work.forget_parts(PARTS);
     remember_state(&store, scene, settings, &state(&loaded.scene, &atlas, &lit.patches).laid_out(places));
+    if let Some(limit) = settings.cache_limit
+        && let Err(error) = store.prune_unused(limit, Some(start))
+    {
+        store.warn("cache", error);
+    }
     report.warnings.extend(store.take_warnings());
     report.reused.extend(work.tally());
     report.texels = lit.patches.len();

@@ -199,6 +199,9 @@ pub struct Settings {
     /// Folder of results that later bakes find again; none: nothing is kept.
     #[serde(skip_serializing)]
     pub cache: Option<PathBuf>,
+    /// A bake lets go of what it didn't use itself, the oldest first, until no more than this is in the cache [bytes]; none: all stays.
+    #[serde(skip_serializing, deserialize_with = "bytes::read")]
+    pub cache_limit: Option<u64>,
     /// Work that takes longer is put into the cache part by part, from then on [s]; none: 60.
     #[serde(skip_serializing)]
     pub checkpoint: Option<f64>,

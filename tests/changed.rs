@@ -295,6 +295,13 @@ fn a_bake_after_objects_came_and_went_says_what_it_kept() {
     assert_eq!(kept(&more), Some([3, 1]));
     let (fewer, _) = run(&[floor, two], &settings);
     assert_eq!(kept(&fewer), Some([2, 0]));
+    // What this bake didn't use goes once there is too much of it; what it did use stays.
+    let kinds = |kind: &str| {
+        Store::open(&folder.0.join("cache")).unwrap().survey().unwrap().items.iter().filter(|i| i.kind == kind).count()
+    };
+    assert_eq!(kinds("links"), 3);
+    let (_, _) = run(&[floor, two], &Settings { cache_limit: Some(0), ..settings.clone() });
+    assert_eq!([kinds("links"), kinds("state"), kinds("charts")], [1, 1, 1]);
     let (fresh, _) = run(&[floor, two], &Settings { fresh_places: true, ..settings.clone() });
     assert_eq!(kept(&fresh), None);
 }

@@ -368,6 +368,10 @@ pub struct RememberArgs {
     /// traces only what changed; one that was killed goes on where it was [default: .lumel in the output folder]
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub cache: Option<PathBuf>,
+    /// Let go of what other bakes left there, the oldest first, once there is more than this: 4G, 512M [bytes; default: 4G in the output
+    /// folder, no limit in --cache DIR]
+    #[arg(long, value_name = "BYTES", conflicts_with = "no_cache")]
+    pub cache_limit: Option<String>,
     /// Remember nothing, and read nothing that was remembered
     #[arg(long, conflicts_with = "cache")]
     #[serde(skip)]

@@ -108,13 +108,21 @@ impl Store {
     /// # Errors
     /// `Io`.
     pub fn prune(&self, max_size: u64) -> Result<Pruned> {
+        self.prune_unused(max_size, None)
+    }
+
+    /// The same, but for what was used `since` then.
+    ///
+    /// # Errors
+    /// `Io`.
+    pub fn prune_unused(&self, max_size: u64, since: Option<SystemTime>) -> Result<Pruned> {
         let abandoned = self.clear_abandoned(UNLOCKED);
         let mut items = self.survey()?.items;
         items.sort_by(|a, b| (a.used, &a.path).cmp(&(b.used, &b.path)));
         let left = items.iter().map(|item| item.size).sum();
         let mut pruned = Pruned { left, abandoned, ..Pruned::default() };
         for item in items {
-            if pruned.left <= max_size {
+            if pruned.left <= max_size || since.is_some_and(|since| item.used >= since) {
                 break;
             }
             match fs::remove_file(&item.path) {
