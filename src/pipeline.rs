@@ -1,17 +1,16 @@
 //! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
 mod mix;
+mod remembered;
 
 pub use mix::{Weight, mix};
+use remembered::{Remembered, relit};
 
-use crate::adaptive::{self, AdaptiveReport, adapt, densities};
 use crate::added_light;
 use crate::blocks::PARTS;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::kept::{add_base, has_links};
-use crate::illuminate::state::State;
 use crate::illuminate::{Illuminated, ROUGHER, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
@@ -28,11 +27,10 @@ use crate::report::{Clock, ErrorReport, Input, SolverReport, peak_memory, refuse
 use crate::scatter;
 use crate::scene::Scene;
 use crate::settings::{Gather, Method, RESIDUAL, Settings};
-use crate::store::{FolderLock, Key, Store};
+use crate::store::FolderLock;
 use crate::transport::Method as FormFactors;
-use crate::unwrap::{self, Atlas, Earlier, Parts, Places, UnwrapParams};
+use crate::unwrap::{self, Atlas};
 use crate::view_factors::{Figures, view_factors};
-use crate::work::{Stored, Tally, Work};
 use crate::write::{self, Baked, BakedLights, GltfProfile, output::Staging, view_factors::refuse_other, watch};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -61,35 +59,30 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     if let Some(folder) = &settings.watch {
         watch::clear(folder)?;
     }
-    let store = open_store(settings)?;
-    let before = recall_state(&store, scene, settings)?;
+    let remembered = Remembered::open(scene, settings)?;
     let is_relit = settings.relight.is_some();
-    let (atlas, places) = lay_out(&loaded, settings, is_relit, before.as_ref(), &store, &clock, &mut report)?;
+    let (atlas, places) = remembered.lay_out(&loaded, settings, is_relit, &clock, &mut report)?;
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
     if settings.caustics {
         scatter::adapt_for_caustics(&mut loaded.scene);
     }
-    let work = work(&store, before.as_ref(), &loaded.scene, &atlas, settings);
+    let work = remembered.work(&loaded.scene, &atlas, settings);
     let settings = &relit(settings, &work, &loaded)?;
     report.relit = settings.relight.as_ref().map(|relight| relight.baked.clone());
     if settings.shard.is_some() {
         share(&loaded.scene, &atlas, settings, &work, &clock)?;
-        report.warnings.extend(store.take_warnings());
+        report.warnings.extend(remembered.store.take_warnings());
         report.reused.extend(work.tally());
         report.stages = clock.stages();
         return Ok(report);
     }
     let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
     work.forget_parts(PARTS);
-    remember_state(&store, scene, settings, &state(&loaded.scene, &atlas, &lit.patches).laid_out(places));
-    if let Some(limit) = settings.cache_limit
-        && let Err(error) = store.prune_unused(limit, Some(start))
-    {
-        store.warn("cache", error);
-    }
-    report.warnings.extend(store.take_warnings());
+    remembered.keep_state((&loaded.scene, &atlas, &lit.patches), places, settings);
+    remembered.prune(start, settings);
+    report.warnings.extend(remembered.store.take_warnings());
     report.reused.extend(work.tally());
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
@@ -128,102 +121,6 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.describe_probes(&lit.probes);
     let Illuminated { patches, exposure, lightmap, probes, .. } = &lit;
     finish(&loaded, &atlas, Some(Shown { patches, exposure, lightmap, probes }), folder, settings, &clock, report)
-}
-
-/// The store in the folder that the settings name.
-fn open_store(settings: &Settings) -> Result<Store> {
-    settings.cache.as_deref().map_or_else(|| Ok(Store::none()), Store::open)
-}
-
-/// The key of all that results depend on of a scene with lightmap UVs.
-fn base(scene: &Scene, atlas: &Atlas) -> Key {
-    Key::of("base", |hasher| add_base(hasher, scene, atlas))
-}
-
-/// The work on a scene with lightmap UVs, as far as it is remembered; `before` is what the last bake was of.
-fn work<'a>(store: &'a Store, before: Option<&State>, scene: &Scene, atlas: &Atlas, settings: &Settings) -> Work<'a> {
-    if store.is_none() {
-        return Work::unstored();
-    }
-    let base = base(scene, atlas);
-    let work = Work::new(store, base, settings.shard, settings.checkpoint());
-    // What one process has seen before, another may not.
-    let before = before.filter(|_| settings.shard.is_none());
-    match before.and_then(|before| State::new(scene, atlas, base, &[]).since(before)) {
-        Some((base, change)) => work.after(base, change),
-        None => work,
-    }
-}
-
-/// What a bake of `scene` was of.
-fn state(scene: &Scene, atlas: &Atlas, patches: &Patches) -> State {
-    State::new(scene, atlas, base(scene, atlas), &patches.runs(scene.surfaces.len()))
-}
-
-/// What the last bake of `file` with such texels was of.
-fn recall_state(store: &Store, file: &Path, settings: &Settings) -> Result<Option<State>> {
-    Ok(store.read(STATE, state_key(file, settings))?.as_ref().and_then(State::restore))
-}
-
-/// Notes what the bake of `file` was of, for the next one.
-fn remember_state(store: &Store, file: &Path, settings: &Settings, state: &State) {
-    let sections = state.sections();
-    let sections: Vec<&[u8]> = sections.iter().map(AsRef::as_ref).collect();
-    remember(store, STATE, state_key(file, settings), &sections);
-}
-
-/// Keeps what saves later bakes time. Where that can't be, it is said, and this one goes on.
-fn remember(store: &Store, kind: &str, key: Key, sections: &[&[u8]]) {
-    if store.is_none() {
-        return;
-    }
-    if let Err(error) = store.write(kind, key, sections) {
-        store.warn("cache", error);
-    }
-}
-
-/// What is known of the parts of the meshes of `file`.
-fn recall_parts(store: &Store, file: &Path) -> Result<Parts> {
-    let entry = store.read(PARTS_OF_MESHES, parts_key(file))?;
-    Ok(entry.and_then(|entry| Parts::from_bytes(entry.section(0))).unwrap_or_default())
-}
-
-/// The key under which what unwrappers made of the parts of the meshes of `file` stands.
-fn parts_key(file: &Path) -> Key {
-    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
-    Key::of("charts 1", |hasher| hasher.add_str(&file.to_string_lossy()))
-}
-
-/// The key under which the state of the last bake of `file` with such texels stands.
-fn state_key(file: &Path, settings: &Settings) -> Key {
-    let file = file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
-    Key::of("state 2", |hasher| {
-        hasher.add_str(&file.to_string_lossy());
-        hasher.add_debug(&settings.unwrap_params());
-    })
-}
-
-/// The kind of entries that say what unwrappers made of meshes.
-const PARTS_OF_MESHES: &str = "charts";
-
-/// The kind of entries by which bakes of one file know what the last one was of.
-const STATE: &str = "state";
-
-/// The settings with which other light is found, or a bake made where nothing is remembered and that is asked for.
-fn relit(settings: &Settings, work: &Work, loaded: &Loaded) -> Result<Settings> {
-    let is_unfit = settings.relight.is_some() && !has_links(work, settings);
-    match settings.relight.as_ref().filter(|_| is_unfit) {
-        None => Ok(settings.clone()),
-        Some(relight) if relight.or_bake => Ok(Settings { relight: None, ..settings.clone() }),
-        Some(relight) => {
-            let cache = settings.cache.as_deref().unwrap_or(Path::new("")).display();
-            let message = format!(
-                "nothing that is remembered in {cache} fits these surfaces and texels at this --error, --seed and --normals; {}",
-                relight.advice
-            );
-            Err(Error::invalid(loaded.path().display(), message))
-        }
-    }
 }
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
@@ -350,7 +247,8 @@ fn warn_of_doubts(report: &mut Report, settings: &Settings) {
 pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Report> {
     let clock = Clock::new(progress);
     let (mut report, loaded, _lock) = open(scene, folder, settings, &clock)?;
-    let (atlas, _) = lay_out(&loaded, settings, false, None, &Store::none(), &clock, &mut report)?;
+    let remembered = Remembered::open(scene, &Settings { cache: None, ..settings.clone() })?;
+    let (atlas, _) = remembered.lay_out(&loaded, settings, false, &clock, &mut report)?;
     finish(&loaded, &atlas, None, folder, settings, &clock, report)
 }
 
@@ -462,53 +360,6 @@ fn open(scene: &Path, folder: &Path, settings: &Settings, clock: &Clock) -> Resu
     let warnings = std::mem::take(&mut loaded.warnings);
     let version = env!("CARGO_PKG_VERSION");
     Ok((Report { version, inputs, settings: settings.clone(), warnings, ..Report::default() }, loaded, lock))
-}
-
-/// Makes lightmap UVs, and tells what a later bake can keep of them. What is as it was in the bake `before` stays where it was. Where texels
-/// go where light varies, that is where it does in this light, or, with `as_before`, where the last bake of these texels found that it
-/// does, as far as the store knows.
-fn lay_out(
-    loaded: &Loaded,
-    settings: &Settings,
-    as_before: bool,
-    before: Option<&State>,
-    store: &Store,
-    clock: &Clock,
-    report: &mut Report,
-) -> Result<(Atlas, Option<Places>)> {
-    let scene = &loaded.scene;
-    let is_adaptive = settings.adaptive_density.is_some_and(|strength| strength > 0.0);
-    let known = if is_adaptive && as_before { adaptive::kept::recall(scene, settings, store)? } else { None };
-    let adapted = match known {
-        Some(known) => Some(known),
-        None => adapt(scene, settings, &mut report.warnings, clock)?,
-    };
-    if let Some(adapted) = adapted.as_ref().filter(|_| !as_before) {
-        adaptive::kept::keep(scene, settings, adapted, store)?;
-    }
-    let (importance, adaptive) = adapted.unzip();
-    let params = UnwrapParams { importance, ..settings.unwrap_params() };
-    let before = Earlier {
-        places: before.and_then(State::places).filter(|_| !settings.fresh_places).cloned(),
-        parts: recall_parts(store, loaded.path())?,
-    };
-    let made = unwrap::unwrap_after(&loaded.scene, &params, &before, clock)?;
-    let unwrap::Unwrapping { atlas, authored, warnings, earlier: Earlier { places, parts }, kept } = made;
-    report.warnings.extend(warnings);
-    if parts != before.parts {
-        remember(store, PARTS_OF_MESHES, parts_key(loaded.path()), &[&parts.to_bytes()]);
-    }
-    if before.places.is_some() && places.is_some() {
-        let shown = loaded.scene.surfaces.iter().filter(|s| s.role.is_shown()).count();
-        let reused = kept.unwrap_or(0);
-        let places = Tally { reused: reused as u64, anew: (shown - reused) as u64 };
-        report.reused.insert("places".to_owned(), places);
-    }
-    let of_charts = |adaptive| AdaptiveReport { densities: densities(&loaded.scene, &atlas), ..adaptive };
-    report.adaptive = adaptive.map(of_charts);
-    report.authored_uvs = authored;
-    limits::check_atlas(loaded, &atlas, settings)?;
-    Ok((atlas, places))
 }
 
 /// What files show of the light.

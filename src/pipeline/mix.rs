@@ -1,7 +1,8 @@
 //! Light groups of a bake weighed against each other: pages are linear in the light, so that the sum of the groups' layers, each by its
 //! weight, is the page that lights of these strengths would have left, seams and gutters included.
 
-use super::{Shown, finish, lay_out, open, open_store, recall_state, work};
+use super::remembered::Remembered;
+use super::{Shown, finish, open};
 use crate::color::Rgb;
 use crate::compare::{Page, ReadLayer, read_layers};
 use crate::error::{Error, Result};
@@ -63,10 +64,9 @@ pub fn mix(
     let is_lossy = settings.directional != Directional::Off || settings.probes.is_some();
     let settings = &of_mix(settings);
     let (mut report, loaded, _lock) = open(scene, folder, settings, &clock)?;
-    let store = open_store(settings)?;
-    let before = recall_state(&store, scene, settings)?;
-    let (atlas, _) = lay_out(&loaded, settings, true, before.as_ref(), &store, &clock, &mut report)?;
-    let work = work(&store, before.as_ref(), &loaded.scene, &atlas, settings);
+    let remembered = Remembered::open(scene, settings)?;
+    let (atlas, _) = remembered.lay_out(&loaded, settings, true, &clock, &mut report)?;
+    let work = remembered.work(&loaded.scene, &atlas, settings);
     let (patches, exposure) = texels(&loaded.scene, &atlas, settings, &work, &clock)?;
     read.refuse_others(&atlas, &patches, baked)?;
     clock.begin("mix", 0);
@@ -80,7 +80,7 @@ pub fn mix(
         report.warnings.add(&surface.name, "has its light at vertices alone, which no page holds: it is black there");
     }
     let lightmap = read.mixed(&atlas, settings, weights);
-    report.warnings.extend(store.take_warnings());
+    report.warnings.extend(remembered.store.take_warnings());
     report.texels = patches.len();
     report.buried_texels = exposure.buried_count();
     report.mixed =
