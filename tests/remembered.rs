@@ -145,3 +145,28 @@ fn a_moved_object_changes_what_it_can_touch() {
     let stale = illuminate(&scene, &atlas, &settings(), &Silent).unwrap();
     assert!(differences(&stale, &full).0 > 0.05);
 }
+
+#[test]
+fn many_moves_make_no_light_and_heap_up_no_links() {
+    let folder = Folder::new("moves");
+    let store = Store::open(&folder.0).unwrap();
+    let (mut scene, atlas) = furnished([1.0, 1.0]);
+    let first = remembering(&scene, &atlas, &store);
+    let mut known = state(&scene, &atlas, &first);
+    let links = |lit: &Illuminated| lit.exchanged.map_or(0, |exchanged| exchanged.links);
+    let mut last = None;
+    for step in 1..=12 {
+        let turn = 2.4 * step as f32;
+        scene = furnished([1.6 + 1.2 * turn.cos(), 2.2 + 1.6 * turn.sin()]).0;
+        let (key, change) = State::new(&scene, &atlas, base(&scene, &atlas), &[]).since(&known).unwrap();
+        let work = Work::new(&store, base(&scene, &atlas), None, Duration::MAX).after(key, change);
+        let lit = illuminate_with(&scene, &atlas, &settings(), &work, &Silent).unwrap();
+        known = state(&scene, &atlas, &lit);
+        last = Some(lit);
+    }
+    let (last, full) = (last.unwrap(), illuminate(&scene, &atlas, &settings(), &Silent).unwrap());
+    let (rms, bias) = differences(&last, &full);
+    println!("rms {:.3} %, bias {:+.3} %, {} links of {}", 100.0 * rms, 100.0 * bias, links(&last), links(&full));
+    assert!(rms < 0.025 && bias.abs() < 0.003, "{rms} {bias}");
+    assert!(links(&last) < 2 * links(&full), "{} links of {}", links(&last), links(&full));
+}

@@ -121,10 +121,11 @@ impl Kept {
         Some(OldBlocks { shapes, order, front_of, back_of })
     }
 
-    /// Samples of each half of block `b`.
-    pub fn samples(&self, b: usize) -> Option<u32> {
+    /// Samples of each half of block `b`: over the hemisphere, and towards what shines.
+    pub fn drawn(&self, b: usize) -> Option<[u32; 2]> {
         let mut bits = BitReader::new(self.bytes(b)?);
-        bits.get_any()?.checked_add(bits.get_any()?)
+        let drawn = [bits.get_any()?, bits.get_any()?];
+        drawn[0].checked_add(drawn[1]).map(|_| drawn)
     }
 
     fn bytes(&self, b: usize) -> Option<&[u8]> {

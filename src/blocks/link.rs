@@ -118,18 +118,12 @@ fn tinted<'a, L>(
     })
 }
 
-/// Keeps those of `links` that are `wanted`, with their weights and tints; returns the sum of the weights that are gone.
-fn retain<L>(
-    links: &mut Vec<L>,
-    weights: &mut Vec<f32>,
-    tints: &mut Vec<(u32, Rgb)>,
-    wanted: impl Fn(&L) -> bool,
-) -> f32 {
+/// Keeps those of `links` that are `wanted`, with their weights and tints.
+fn retain<L>(links: &mut Vec<L>, weights: &mut Vec<f32>, tints: &mut Vec<(u32, Rgb)>, wanted: impl Fn(&L) -> bool) {
     let keep: Vec<bool> = links.iter().map(wanted).collect();
     if !keep.contains(&false) {
-        return 0.0;
+        return;
     }
-    let gone = weights.iter().zip(&keep).filter(|(_, keep)| !**keep).map(|(w, _)| w).sum();
     let mut place = 0;
     let places: Vec<u32> = keep
         .iter()
@@ -144,7 +138,6 @@ fn retain<L>(
     links.retain(|_| *kept.next().expect("one a link"));
     let mut kept = keep.iter();
     weights.retain(|_| *kept.next().expect("one a link"));
-    gone
 }
 
 impl Half {
@@ -174,24 +167,34 @@ impl Half {
         self.sky.push(link);
     }
 
-    /// Keeps the links, and those to the sky, that are wanted; returns the sum of the form factors that are gone.
-    pub fn retain(&mut self, link: impl Fn(&Link) -> bool, sky: impl Fn(&SkyLink) -> bool) -> f32 {
-        retain(&mut self.links, &mut self.weights, &mut self.tints, link)
-            + retain(&mut self.sky, &mut self.sky_weights, &mut self.sky_tints, sky)
+    /// Keeps the links, and those to the sky, that are wanted.
+    pub fn retain(&mut self, link: impl Fn(&Link) -> bool, sky: impl Fn(&SkyLink) -> bool) {
+        retain(&mut self.links, &mut self.weights, &mut self.tints, link);
+        retain(&mut self.sky, &mut self.sky_weights, &mut self.sky_tints, sky);
     }
 
-    /// Adds the `fresh` links of a half in place of those with the form factors `gone`: of the same sum, unless some of them are lost.
-    pub fn join(&mut self, fresh: Self, gone: f32) {
-        let sum: f32 = fresh.weights.iter().chain(&fresh.sky_weights).sum();
-        let is_closed = fresh.lost == 0 && self.lost == 0 && sum > 0.0;
-        let scale = if is_closed { (gone / sum).clamp(LEAST_SCALE, LEAST_SCALE.recip()) } else { 1.0 };
+    /// Adds the `fresh` links of a half, in place of those that it lacks.
+    pub fn join(&mut self, fresh: Self) {
+        let is_closed = fresh.lost == 0 && self.lost == 0;
         let (first, first_sky) = (self.links.len() as u32, self.sky.len() as u32);
         self.links.extend(fresh.links);
-        self.weights.extend(fresh.weights.iter().map(|w| w * scale));
+        self.weights.extend(fresh.weights);
         self.tints.extend(fresh.tints.iter().map(|(k, tint)| (first + k, *tint)));
         self.sky.extend(fresh.sky);
-        self.sky_weights.extend(fresh.sky_weights.iter().map(|w| w * scale));
+        self.sky_weights.extend(fresh.sky_weights);
         self.sky_tints.extend(fresh.sky_tints.iter().map(|(k, tint)| (first_sky + k, *tint)));
+        if is_closed {
+            self.scale_to(1.0);
+        }
+    }
+
+    /// Scales form factors so that they add up to `sum`, unless something is lost, or they tell too little.
+    pub fn scale_to(&mut self, sum: f32) {
+        let found: f32 = self.weights.iter().chain(&self.sky_weights).sum();
+        if self.lost == 0 && found > 0.0 {
+            let scale = (sum / found).clamp(LEAST_SCALE, LEAST_SCALE.recip());
+            self.weights.iter_mut().chain(&mut self.sky_weights).for_each(|weight| *weight *= scale);
+        }
     }
 
     /// Scales the form factors so that those of all that is seen, the lost directions included, add up to 1: no light is made or lost

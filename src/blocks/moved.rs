@@ -1,15 +1,15 @@
 //! What blocks see after some surfaces have moved or changed: what the change can't touch is kept.
 //!
-//! Of a block, the directions that a change can touch are those in which its old or new box lies. Links in these directions are dropped,
-//! and others drawn there, from cones around the boxes, more closely than before, as nothing is known of what shines. Which directions
-//! they are is known without tracing, so that what is kept and what is new are estimates of two parts of the hemisphere, each right
-//! by itself: no light is made or lost between them.
+//! Of a block, a change can touch the links whose way, from the block's middle to that of a patch, passes near its old or new box: that is
+//! told without tracing. These links are dropped, and others drawn from cones around the boxes, more closely than before, as nothing is
+//! known of what shines; of those the ones stay of which the same is true. So each patch is seen by links of the one kind or of the
+//! other, whichever way they were found, and no light is made or lost between them, however often things move.
 
 use super::SHARE;
 use super::block::{Block, Blocks};
 use super::field::Field;
 use super::kept::{GONE, Kept, OldBlocks, Targets};
-use super::link::Sight;
+use super::link::{Half, Link, Normals, Sight};
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
 use super::sweep::BackLight;
 use super::{BlockParams, Seen, kept};
@@ -18,15 +18,15 @@ use crate::color::Rgb;
 use crate::light::{Direct, Lit};
 use crate::patch::NONE;
 use crate::progress::Progress;
-use crate::sample::sequence::Stage;
+use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cap, frame};
 use crate::work::{Change, Work};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 /// Samples in each half of blocks of which nothing is known.
-const NEW: u32 = 64;
+const NEW: u32 = 128;
 
 /// How many times as many samples there are as a hemisphere of them has in the same directions.
 const CLOSER: f32 = 2.0;
@@ -37,62 +37,86 @@ const LEAST: u32 = 4;
 /// Numbers of points from here on are those of samples towards boxes.
 const FIRST_POINT: u32 = 1 << 20;
 
+/// The same of directions that form factors are measured by, and how many times as many of them there are: they aren't followed.
+const FIRST_MEASURE: u32 = 1 << 24;
+const MEASURED: u32 = 4;
+
 /// Quarterings from the coarsest blocks to single texels.
 const LEVELS: usize = 3;
 
-/// How far from its middle a block reaches, over its side.
-const REACH: f32 = 1.0;
+/// How far beyond what the change can touch samples are drawn, over how far a block reaches: what is seen there is told by the middles of
+/// block and patch, and both reach beyond these.
+const MARGIN: f32 = 1.0;
 
-/// Directions in which what changed lies, or did.
+/// Where what changed lies, or did, as a block sees it.
 #[derive(Clone, Copy)]
 pub struct Towards<'a> {
     from: Vec3,
+    /// How far from its middle the block reaches [m].
     reach: f32,
     boxes: &'a [[Vec3; 2]],
 }
 
 impl<'a> Towards<'a> {
-    /// From `block`.
-    pub fn new(block: &Block, boxes: &'a [[Vec3; 2]]) -> Self {
-        Self { from: block.centre, reach: REACH * block.side(), boxes }
+    /// From block `b`.
+    pub fn new(lit: &Lit, blocks: &Blocks, b: usize, boxes: &'a [[Vec3; 2]]) -> Self {
+        let patches = lit.ground.patches;
+        let from = blocks.list[b].centre;
+        let reach = |&i: &u32| patches.position[i as usize].distance(from) + patches.area[i as usize].sqrt();
+        Self { from, reach: blocks.members(b).iter().map(reach).fold(0.0, f32::max), boxes }
     }
 
-    /// Samples towards the boxes, of block `b`, as close as `count` in each half over the hemisphere are, and closer.
-    fn aim(&self, draw: &Draw, b: usize, count: u32) -> Vec<Aimed> {
-        let cones: Vec<(Cone, u32)> = self
-            .boxes
-            .iter()
-            .map(|bounds| self.cone(bounds))
-            .map(|cone| {
-                let wanted = (CLOSER * count as f32 * cone.solid_angle / PI).ceil() as u32;
-                (cone, wanted.clamp(LEAST, 2 * count.max(LEAST)))
-            })
-            .collect();
-        let density = |(cone, samples): &(Cone, u32)| *samples as f32 / cone.solid_angle;
-        let mut aimed = Vec::new();
-        for half in 0..2 {
+    /// Directions near the boxes, of block `b`, as close as `count` in each half over the hemisphere are, and closer; and form factors
+    /// of all such directions, for each half, about its `normals`.
+    fn aim(&self, draw: &Draw, b: usize, count: u32, normals: &Normals) -> (Vec<Aimed>, [f32; 2]) {
+        let wanted = |cone: Cone| {
+            let wanted = (CLOSER * count as f32 * cone.solid_angle / PI).ceil() as u32;
+            (cone, wanted.clamp(LEAST, 2 * count.max(LEAST)))
+        };
+        let cones: Vec<(Cone, u32)> = self.boxes.iter().map(|bounds| wanted(self.cone(bounds))).collect();
+        let (mut aimed, mut form_factors) = (Vec::new(), [0.0; 2]);
+        for (half, form_factor) in form_factors.iter_mut().enumerate() {
             let sequence = draw.sequence(Stage::Block, b, half);
-            let mut index = FIRST_POINT;
-            for (cone, samples) in &cones {
-                let frame = frame(cone.axis);
-                for _ in 0..*samples {
-                    let [x, y, u, v] = sequence.point(index, 0);
-                    index += 1;
-                    let direction = frame * cap([u, v], cone.cos);
-                    if self.holds(direction) {
-                        let expected = cones.iter().filter(|(cone, _)| cone.holds(direction)).map(density).sum();
-                        aimed.push(Aimed { half, place: [x, y], direction, expected });
-                    }
+            self.draw(&sequence, FIRST_POINT, &cones, 1, |place, direction, expected| {
+                aimed.push(Aimed { half, place, direction, expected });
+            });
+            self.draw(&sequence, FIRST_MEASURE, &cones, MEASURED, |_, direction, expected| {
+                let cos = if normals.0.is_empty() { 0.0 } else { normals.facing(direction).0 };
+                *form_factor += FRAC_1_PI * cos / expected;
+            });
+        }
+        (aimed, form_factors)
+    }
+
+    /// Draws `times` as many directions in each cone as it is to have, by the points from number `index` on, and calls `take` with those near a
+    /// box: two numbers more, the direction, and how many are expected around it [1/sr].
+    fn draw(
+        &self,
+        sequence: &Sequence,
+        mut index: u32,
+        cones: &[(Cone, u32)],
+        times: u32,
+        mut take: impl FnMut([f32; 2], Vec3, f32),
+    ) {
+        let density = |(cone, samples): &(Cone, u32)| (times * *samples) as f32 / cone.solid_angle;
+        for (cone, samples) in cones {
+            let frame = frame(cone.axis);
+            for _ in 0..times * *samples {
+                let [x, y, u, v] = sequence.point(index, 0);
+                index += 1;
+                let direction = frame * cap([u, v], cone.cos);
+                if self.is_near(direction) {
+                    let expected = cones.iter().filter(|(cone, _)| cone.holds(direction)).map(density).sum();
+                    take([x, y], direction, expected);
                 }
             }
         }
-        aimed
     }
 
-    /// The cone that a box is seen in from all over the block; all directions from within its ball.
+    /// The cone that all directions near a box are in.
     fn cone(&self, [low, high]: &[Vec3; 2]) -> Cone {
         let way = 0.5 * (*low + *high) - self.from;
-        let (distance, radius) = (way.length(), 0.5 * low.distance(*high) + SQRT_3 * self.reach);
+        let (distance, radius) = (way.length(), 0.5 * low.distance(*high) + SQRT_3 * (1.0 + MARGIN) * self.reach);
         let cos = if radius < distance { (1.0 - (radius / distance).powi(2)).sqrt() } else { -1.0 };
         Cone { axis: way.try_normalize().unwrap_or(Vec3::Z), cos, solid_angle: TAU * (1.0 - cos) }
     }
@@ -104,15 +128,32 @@ impl<'a> Towards<'a> {
         !block.is_flat() || self.boxes.iter().any(|bounds| highest(bounds) > -self.reach)
     }
 
-    /// True where a ray along `direction` from somewhere on the block may meet one of the boxes.
-    pub fn holds(&self, direction: Vec3) -> bool {
+    /// True where a way from somewhere on the block to what its middle sees along `direction` may meet one of the boxes.
+    fn holds(&self, direction: Vec3) -> bool {
+        self.meets(direction, self.reach)
+    }
+
+    /// True where something that is seen along `direction` from anywhere on the block may lie where the boxes [do](Self::holds).
+    fn is_near(&self, direction: Vec3) -> bool {
+        self.meets(direction, (1.0 + MARGIN) * self.reach)
+    }
+
+    /// True where a ray along `direction` from the block's middle meets one of the boxes with `more` around it.
+    fn meets(&self, direction: Vec3, more: f32) -> bool {
         let inverse = direction.recip();
         self.boxes.iter().any(|[low, high]| {
-            let (a, b) = ((*low - self.reach - self.from) * inverse, (*high + self.reach - self.from) * inverse);
+            let (a, b) = ((*low - more - self.from) * inverse, (*high + more - self.from) * inverse);
             // A ray along a side of the box makes a NaN, which both ignore.
             let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
             near <= far && far >= 0.0
         })
+    }
+
+    /// Keeps those links of a half that lead where the change can touch them, or else the others; of those to patches, what is `wanted`.
+    fn retain(&self, half: &mut Half, touched: bool, lit: &Lit, block: &Block, wanted: impl Fn(&Link) -> bool) {
+        let position = &lit.ground.patches.position;
+        let leads = |link: &Link| self.holds(kept::way(block, position[link.target().0]));
+        half.retain(|link| wanted(link) && leads(link) == touched, |link| self.holds(link.direction()) == touched);
     }
 }
 
@@ -171,19 +212,19 @@ pub fn look_again(
     // What is sampled anew, as closely as before.
     let counts: Vec<u32> = (0..blocks.list.len())
         .map(|b| match same[b] {
-            Some(_) if !Towards::new(&blocks.list[b], &change.boxes).is_above(&blocks.list[b]) => 0,
+            Some(_) if !Towards::new(lit, &blocks, b, &change.boxes).is_above(&blocks.list[b]) => 0,
             Some(_) => sampled[b].drawn.samples(),
             None if blocks.list[b].back => 0,
-            None => old.around(&blocks, b).and_then(|k| kept.samples(k)).unwrap_or(NEW),
+            None => old.around(&blocks, b).and_then(|k| kept.drawn(k)).map_or(NEW, as_closely),
         })
         .collect();
-    let dropped = drop_touched(lit, &blocks, change, &mut sampled);
+    drop_touched(lit, &blocks, change, &mut sampled);
     let fronts = blocks.fronts();
     let mut field = Field::with(lit, direct, params, blocks, sampled, irradiance, work);
     let number = |before: &u32| numbers.get(*before as usize).copied();
     let back_patches: Vec<u32> = kept.back_patches.iter().filter_map(number).filter(|&i| field.has_back(i)).collect();
     field.light_backs(&back_patches, progress)?;
-    let seen = sample_touched(&mut field, &same, &counts, &dropped, change, progress)?;
+    let seen = sample_touched(&mut field, &same, &counts, change, progress)?;
     field.follow_backs(seen, progress)?;
     let known: Vec<usize> = (fronts..field.blocks.list.len()).filter(|&b| !field.sampled[b].is_empty()).collect();
     field.light_back_blocks(&known, progress)?;
@@ -191,6 +232,12 @@ pub fn look_again(
     let kept = kept::keep(&field, kept.gain, &normal);
     let on_backs: BackLight = field.into_on_backs();
     Ok(Some(Seen::joined(kept, Some(on_backs))))
+}
+
+/// Samples of a hemisphere that stand for so many over it and towards what shines, of which nothing is known here.
+fn as_closely([hemisphere, areas]: [u32; 2]) -> u32 {
+    let closer = if areas > 0 { CLOSER } else { 1.0 };
+    (closer * (hemisphere + areas) as f32) as u32
 }
 
 fn is_there(blocks: &Blocks, (patch, back): (usize, bool)) -> bool {
@@ -217,39 +264,29 @@ fn like(lit: &Lit, old: &OldBlocks) -> Blocks {
     blocks
 }
 
-/// Drops the links in directions that the change can touch, those to what changed, and those to what is buried now. Returns the form
-/// factors that each half of each block lost by it, added up.
-fn drop_touched(lit: &Lit, blocks: &Blocks, change: &Change, sampled: &mut [Sampled]) -> Vec<[f32; 2]> {
+/// Drops the links that the change can touch, those to what changed, and those to what is buried now.
+fn drop_touched(lit: &Lit, blocks: &Blocks, change: &Change, sampled: &mut [Sampled]) {
     let patches = lit.ground.patches;
-    let is_kept = |(patch, back): (usize, bool)| {
+    let is_kept = |link: &Link| {
+        let (patch, back) = link.target();
         is_there(blocks, (patch, back)) && !change.surfaces[patches.surface(patch) as usize]
     };
     let drop = |(b, found): (usize, &mut Sampled)| {
         let block = &blocks.list[b];
-        let towards = Towards::new(block, &change.boxes);
-        if !towards.is_above(block) && found.halves.iter().all(|half| half.links.iter().all(|l| is_kept(l.target()))) {
-            return [0.0; 2];
+        let towards = Towards::new(lit, blocks, b, &change.boxes);
+        if towards.is_above(block) || !found.halves.iter().all(|half| half.links.iter().all(is_kept)) {
+            found.halves.iter_mut().for_each(|half| towards.retain(half, false, lit, block, is_kept));
         }
-        found.halves.each_mut().map(|half| {
-            half.retain(
-                |link| {
-                    let target = link.target();
-                    is_kept(target) && !towards.holds(kept::way(block, patches.position[target.0]))
-                },
-                |link| !towards.holds(link.direction()),
-            )
-        })
     };
-    sampled.par_iter_mut().enumerate().with_max_len(SHARE).map(drop).collect()
+    sampled.par_iter_mut().enumerate().with_max_len(SHARE).for_each(drop);
 }
 
 /// Samples blocks that aren't the `same` as before as a whole, and others in the directions that the change can touch: `counts` samples
-/// for each half, in place of links that had the form factors `dropped`. Returns the patches whose backs were seen.
+/// for each half. Returns the patches whose backs were seen.
 fn sample_touched(
     field: &mut Field,
     same: &[Option<usize>],
     counts: &[u32],
-    dropped: &[[f32; 2]],
     change: &Change,
     progress: &dyn Progress,
 ) -> Result<Vec<u32>> {
@@ -260,14 +297,20 @@ fn sample_touched(
         let from = found.halves.each_ref().map(|half| half.links.len());
         match same[b] {
             Some(_) => {
-                let aimed = Towards::new(&blocks.list[b], &change.boxes).aim(&draw, b, counts[b]);
+                let towards = Towards::new(lit, blocks, b, &change.boxes);
+                let (aimed, form_factors) = towards.aim(&draw, b, counts[b], &found.drawn.normals);
                 let mut fresh = Sampled::default();
                 draw.along(b, &aimed, &mut fresh, scratch);
-                let halves = found.halves.iter_mut().zip(fresh.halves).zip(dropped[b]);
-                halves.for_each(|((half, fresh), dropped)| half.join(fresh, dropped));
+                let halves = found.halves.iter_mut().zip(fresh.halves).zip(form_factors);
+                halves.for_each(|((half, mut fresh), form_factor)| {
+                    fresh.scale_to(form_factor);
+                    // As links are told apart when they are dropped.
+                    towards.retain(&mut fresh, true, lit, &blocks.list[b], |_| true);
+                    half.join(fresh);
+                });
             }
             None => {
-                let hemisphere = (CLOSER * counts[b] as f32) as u32;
+                let hemisphere = counts[b];
                 draw.sample(b, Samples { hemisphere, areas: 0, guide: None, view: None }, found, scratch);
                 found.weigh(&Sight::default());
                 found.close();
