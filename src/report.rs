@@ -44,6 +44,8 @@ pub struct Report {
     /// Authored UVs that were refused or packed anew.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub authored_uvs: Vec<AuthoredUvs>,
+    /// Hash of the lightmap UVs: where it is the same, texels lie in the same places.
+    pub atlas: String,
     /// Texels per metre.
     pub density: f32,
     /// How texels went where light varies; absent where they didn't.
@@ -71,6 +73,12 @@ pub struct Report {
     /// What light groups were multiplied by; absent unless pages were mixed of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mixed: Option<Vec<MixReport>>,
+    /// What was baked and what was kept of an earlier bake; absent where all was baked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub only: Option<OnlyReport>,
+    /// How far the bake is from one that remembers nothing; absent unless that was asked for and something remembered was used.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verified: Option<Verified>,
     /// What error is estimated to be left; absent where blocks did not gather.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
@@ -133,6 +141,71 @@ pub struct MixReport {
     pub group: String,
     /// By channel.
     pub weight: [f32; 3],
+}
+
+/// What was baked beside kept texels.
+#[derive(Clone, Debug, Serialize)]
+pub struct OnlyReport {
+    /// What selects objects.
+    pub patterns: Vec<String>,
+    /// Surfaces that were baked: those selected, and those that no written page shows.
+    pub surfaces: usize,
+    pub baked_texels: usize,
+    pub kept_texels: usize,
+}
+
+/// The differences of a bake to one that remembers nothing, by luminance, relative to the mean light [%]; [`crate::pipeline`] says
+/// what they may be.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verified {
+    /// Whether they are no more than noise explains.
+    pub holds: bool,
+    /// Texels that were compared.
+    pub texels: usize,
+    /// Of the means.
+    pub bias: f64,
+    /// Root mean square, without the worst hundredth of the area.
+    pub rms: f64,
+    /// The noise that both bakes have together, as they estimate it.
+    pub noise: f64,
+    /// What noise explains: of `rms`, and of means.
+    pub most_rms: f64,
+    pub most_bias: f64,
+    /// The surface whose mean differs most, of those of a hundredth of the area at least.
+    pub worst: Option<WorstSurface>,
+}
+
+/// The surface that differs most, relative to the mean light of all [%].
+#[derive(Clone, Debug, Serialize)]
+pub struct WorstSurface {
+    pub name: String,
+    /// Of its mean.
+    pub bias: f64,
+    /// Root mean square of all of its texels.
+    pub rms: f64,
+}
+
+impl Verified {
+    /// It in one line.
+    pub fn line(&self) -> String {
+        let Self { bias, rms, noise, most_rms, most_bias, .. } = self;
+        let worst = self.worst.as_ref().map_or(String::new(), |w| format!("; worst {} {:+.2} %", w.name, w.bias));
+        format!(
+            "{}: mean {bias:+.2} % (at most {most_bias:.2}), texels {rms:.2} % (at most {most_rms:.2}, by noise of {noise:.2}){worst}",
+            if self.holds { "verified" } else { "NOT verified" },
+        )
+    }
+
+    /// What to say where the difference is more than noise explains.
+    pub fn warning(&self) -> Warnings {
+        let mut warnings = Warnings::default();
+        if !self.holds {
+            let message = "differs from a bake that remembers nothing by more than noise explains; bake anew with --no-cache and without \
+                           --only, and report it where the scene hasn't changed since what is kept was baked";
+            warnings.add("verify", message);
+        }
+        warnings
+    }
 }
 
 /// A surface and its place.
@@ -281,6 +354,16 @@ impl Report {
             let bright = self.pages.iter().filter(|p| p.samples == Some("float") && !self.settings.float).count();
             if bright > 0 {
                 lines.push(format!("{bright} page(s) hold more than half floats do (65504): written as 32-bit floats"));
+            }
+            if let Some(OnlyReport { surfaces, baked_texels, kept_texels, .. }) = &self.only {
+                lines.push(format!("baked {baked_texels} texels of {surfaces} surface(s), kept {kept_texels}"));
+            }
+            match &self.verified {
+                Some(verified) => lines.push(verified.line()),
+                None if self.settings.verify => {
+                    lines.push("nothing that was remembered was used: there was nothing to verify".to_string());
+                }
+                None => {}
             }
             if let Some(v) = self.vertices.as_ref().filter(|v| v.mode != MeshMode::Given) {
                 let (from, to, asked) = (v.given_triangles, v.triangles, v.error);

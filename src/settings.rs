@@ -192,6 +192,13 @@ pub struct Settings {
     pub watch: Option<PathBuf>,
     /// Shots or sweeps between two of them; none: chosen by the solver.
     pub watch_every: Option<u64>,
+    /// Patterns over the paths of objects that alone are baked: the texels of the others stay as they are in the output folder; none: all
+    /// are baked.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub only: Vec<String>,
+    /// Bakes again without what is remembered, where something was used, and compares.
+    #[serde(skip_serializing)]
+    pub verify: bool,
     /// Replace another scene's bake in the output folder.
     pub overwrite: bool,
     /// Folder of results that later bakes find again; none: nothing is kept.

@@ -117,7 +117,8 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
 /// `Cancelled`.
 pub(super) fn glimpse_flux(lit: &Lit, progress: &dyn Progress) -> Result<DVec3> {
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
-    let some: Vec<&Range<usize>> = blocks.iter().step_by(GLIMPSED).collect();
+    // A block is of one chart.
+    let some: Vec<&Range<usize>> = blocks.iter().filter(|block| !lit.is_known(block.start)).step_by(GLIMPSED).collect();
     let has_sky = lit.lights.has_sharp_sky();
     let of_block = |block: &&Range<usize>| {
         progress.check()?;
@@ -351,7 +352,7 @@ pub(super) fn at_block<T: Clone + Default>(
     let mut cutter = Cutter::new(ground);
     let cut = |k: usize| {
         let i = members[k];
-        let mut footprint = (!exposure.is_buried(i)).then(|| cutter.footprint(i)).filter(|f| !f.is_empty())?;
+        let mut footprint = lit.is_wanted(i).then(|| cutter.footprint(i)).filter(|f| !f.is_empty())?;
         footprint.restrict(exposure.cells[i]);
         Some((k, footprint))
     };

@@ -106,7 +106,8 @@ fn has_light(part: &[Rgb]) -> bool {
 /// Standard error of the gathered light, root mean square over mean irradiance (luminance).
 fn noise(lit: &Lit, gathered: &Gathered) -> f64 {
     let (mut squares, mut sum, mut whole) = (0.0, 0.0, 0.0);
-    for ((e, difference), area) in gathered.irradiance.iter().zip(&gathered.difference).zip(&lit.exposure.area) {
+    let light = gathered.irradiance.iter().zip(&gathered.difference).zip(&lit.exposure.area);
+    for (_, ((e, difference), area)) in light.enumerate().filter(|(i, _)| !lit.is_known(*i)) {
         let area = f64::from(*area);
         squares += f64::from(luminance(*difference)).powi(2) * area;
         sum += f64::from(luminance(*e)) * area;
