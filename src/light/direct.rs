@@ -265,7 +265,7 @@ impl Close<'_> {
         let lit = self.lit;
         let mut noise = Noise { closely: vec![0; ballots.len()], variance: vec![0.0; ballots.len()] };
         // Patches around which something may be disputed that was not before.
-        let mut candidates: Vec<usize> = (0..ballots.len()).collect();
+        let mut candidates: Vec<usize> = (0..ballots.len()).filter(|&i| !lit.is_known(i)).collect();
         for _ in 0..MOST_ROUNDS {
             let wanted = |i: usize| {
                 let all = lit.ground.neighbours(i).fold(ballots[i], |all, j| all.or(ballots[j]));
@@ -349,10 +349,13 @@ pub(super) fn at_block<T: Clone + Default>(
     let Lit { ground, exposure, lights, params, .. } = *lit;
     let patches = ground.patches;
     let mut all = vec![T::default(); members.len()];
+    if lit.is_known(block.start) {
+        return all;
+    }
     let mut cutter = Cutter::new(ground);
     let cut = |k: usize| {
         let i = members[k];
-        let mut footprint = lit.is_wanted(i).then(|| cutter.footprint(i)).filter(|f| !f.is_empty())?;
+        let mut footprint = (!exposure.is_buried(i)).then(|| cutter.footprint(i)).filter(|f| !f.is_empty())?;
         footprint.restrict(exposure.cells[i]);
         Some((k, footprint))
     };
