@@ -108,7 +108,7 @@ pub fn illuminate_with(
 }
 
 /// The same by radiosity between blocks for those surfaces alone whose light isn't known by an `earlier` bake. The energy of the rest being
-/// out of sight, no balance is told, and errors are relative to the mean light of what is baked.
+/// out of sight, no balance is told. Errors are those of what is baked, relative to the mean light of all.
 ///
 /// # Errors
 /// As [`illuminate_with`]; `Invalid` where no texel is left to be baked, or a layer that is wanted isn't among those of the earlier bake.

@@ -171,11 +171,11 @@ pub struct Verified {
     /// What noise explains: of `rms`, and of means.
     pub most_rms: f64,
     pub most_bias: f64,
-    /// The surface whose mean differs most, of those of a hundredth of the area at least.
+    /// Of those surfaces of a hundredth of the area at least.
     pub worst: Option<WorstSurface>,
 }
 
-/// The surface that differs most, relative to the mean light of all [%].
+/// The surface whose mean differs most, for what its noise explains; relative to the mean light of all [%].
 #[derive(Clone, Debug, Serialize)]
 pub struct WorstSurface {
     pub name: String,
@@ -183,6 +183,8 @@ pub struct WorstSurface {
     pub bias: f64,
     /// Root mean square of all of its texels.
     pub rms: f64,
+    /// What noise explains of `bias`.
+    pub most_bias: f64,
 }
 
 impl Verified {

@@ -323,6 +323,9 @@ const LEAST_VERTEX_ERROR: f64 = 0.1;
 /// Samples of blocks where an error or a time is asked for, for each texel on average, at most.
 const MOST_SAMPLES: u32 = 4096;
 
+/// So many times as many a texel where some objects alone are baked: hard ones have no easy ones beside them whose samples they could use.
+const MORE_SAMPLES: u32 = 4;
+
 /// Shots or sweeps at most.
 const MOST_ITERATIONS: u64 = 1_000_000_000;
 
@@ -508,7 +511,11 @@ impl Settings {
     pub fn block_params(&self) -> BlockParams {
         // Whoever asks for an error or a time has said how long it may take.
         let is_preset = self.error.is_none() && self.time_budget.is_none();
-        let most = if is_preset { self.quality.preset().gather_samples } else { MOST_SAMPLES };
+        let most = match (is_preset, self.only.is_empty()) {
+            (false, _) => MOST_SAMPLES,
+            (true, true) => self.quality.preset().gather_samples,
+            (true, false) => (MORE_SAMPLES * self.quality.preset().gather_samples).min(MOST_SAMPLES),
+        };
         BlockParams {
             error: self.aimed_error(),
             most_samples: f64::from(most),
