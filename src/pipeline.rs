@@ -89,8 +89,8 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         None => illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?,
         Some(earlier) => illuminate_only(&loaded.scene, &atlas, settings, &earlier.bake, &work, &clock)?,
     };
-    work.forget_parts(PARTS);
     if earlier.is_none() {
+        work.forget_parts(PARTS);
         remember_state(&store, scene, &loaded.scene, &atlas)?;
     }
     report.warnings.extend(store.take_warnings());

@@ -324,7 +324,7 @@ const LEAST_VERTEX_ERROR: f64 = 0.1;
 const MOST_SAMPLES: u32 = 4096;
 
 /// So many times as many a texel where some objects alone are baked: hard ones have no easy ones beside them whose samples they could use.
-const MORE_SAMPLES: u32 = 4;
+const MORE_SAMPLES: u32 = 2;
 
 /// Shots or sweeps at most.
 const MOST_ITERATIONS: u64 = 1_000_000_000;

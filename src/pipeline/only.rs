@@ -89,7 +89,7 @@ pub(super) fn earlier(
     Ok(Kept { bake: Earlier { lightmap: read.into_lightmap(settings.quantity), known }, is_float })
 }
 
-/// Of each surface, whether its texels lie where the bake that `report` is of had them.
+/// Of each surface (index), whether its texels lie where the bake that `report` is of had them.
 fn lie_as_before(report: &Value, atlas: &Atlas) -> Vec<bool> {
     let is_same = report["atlas"].as_str() == Some(&digest::atlas(atlas).to_string());
     vec![is_same; atlas.placements.len()]
