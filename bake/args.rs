@@ -20,8 +20,10 @@ use std::path::PathBuf;
 /// GLBs and a USD layer.
 #[derive(Debug, Parser)]
 #[command(name = "lumel", version, propagate_version = true, max_term_width = 120)]
-#[command(after_help = "Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted.\n\
-    LUMEL_LOG (or RUST_LOG) = error|warn|info|debug|trace writes a log to stderr.")]
+#[command(
+    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 done but --verify found a difference, 75 parts of other shards are missing, 130 interrupted.\n\
+    LUMEL_LOG (or RUST_LOG) = error|warn|info|debug|trace writes a log to stderr."
+)]
 pub struct Args {
     #[command(subcommand)]
     pub command: Command,
@@ -120,6 +122,8 @@ pub struct BakeArgs {
     #[arg(short, long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub output: Option<PathBuf>,
     #[command(flatten)]
+    pub only: OnlyArgs,
+    #[command(flatten)]
     pub texels: TexelArgs,
     #[command(flatten)]
     pub adaptive: AdaptiveArgs,
@@ -139,13 +143,15 @@ pub struct BakeArgs {
     pub running: RunningArgs,
     #[command(flatten)]
     pub cache: RememberArgs,
+    #[command(flatten)]
+    pub verify: VerifyArgs,
 }
 
 /// `lumel plan`.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("output", |arg| arg.value_name("JOB").help("Folder for plan.json and template.yaml; made where missing [default: ./<stem>_farm]")))]
 #[command(mut_arg("cache", |arg| arg.help("Folder that shards share [default: cache in the plan's folder]")))]
-#[command(mut_args(|arg| if ["plan", "shard", "no_cache"].contains(&arg.get_id().as_str()) { arg.hide(true) } else { arg }))]
+#[command(mut_args(|arg| if ["plan", "shard", "no_cache", "only", "verify"].contains(&arg.get_id().as_str()) { arg.hide(true) } else { arg }))]
 pub struct PlanArgs {
     /// How many processes are to share the work [1..4096]
     #[arg(long, value_name = "N", help_heading = "Cache")]
@@ -199,6 +205,8 @@ pub struct RelightArgs {
     pub running: RunningArgs,
     #[command(flatten)]
     pub cache: RecallArgs,
+    #[command(flatten)]
+    pub verify: VerifyArgs,
 }
 
 /// `lumel mix`.

@@ -97,7 +97,10 @@ pub fn carry_out(
         });
     }
     console.done(&folder, &summary, start.elapsed().as_secs_f64());
-    Ok(())
+    match report.verified.is_some_and(|verified| !verified.holds) {
+        true => Err(Failure::Differs),
+        false => Ok(()),
+    }
 }
 
 /// The threads that all work runs on.

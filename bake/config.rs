@@ -121,6 +121,8 @@ impl Typed for BakeArgs {
             table(&self.vertices)?,
             table(&self.running)?,
             table(&self.cache)?,
+            table(&self.only)?,
+            table(&self.verify)?,
         ];
         Ok(groups.into_iter().flatten().collect())
     }
@@ -189,7 +191,13 @@ impl Typed for RenderArgs {
 impl RelightArgs {
     /// What was typed, with the keys of `lumel.toml`.
     pub fn table(&self) -> Result<Table> {
-        let groups = [table(&self.light)?, table(&self.results)?, table(&self.running)?, table(&self.cache)?];
+        let groups = [
+            table(&self.light)?,
+            table(&self.results)?,
+            table(&self.running)?,
+            table(&self.cache)?,
+            table(&self.verify)?,
+        ];
         Ok(groups.into_iter().flatten().collect())
     }
 }

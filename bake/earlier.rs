@@ -13,7 +13,7 @@ use toml::{Table, Value};
 const MOST_BYTES: u64 = 1 << 30;
 
 /// Keys about how a bake ran, not what came of it.
-const OF_THE_RUN: [&str; 5] = ["threads", "overwrite", "dump-stages", "watch", "watch-every"];
+const OF_THE_RUN: [&str; 6] = ["threads", "overwrite", "dump-stages", "watch", "watch-every", "only"];
 
 /// An earlier bake.
 #[derive(Debug)]

@@ -9,6 +9,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Exit code of a run that was interrupted: 128 + SIGINT, as shells have it.
 pub const INTERRUPTED: u8 = 130;
 
+/// Exit code of a bake that is done and differs from one that remembers nothing by more than noise explains.
+pub const DIFFERS: u8 = 3;
+
 /// Exit code of a shard that did its part and needs those of others: EX_TEMPFAIL of sysexits.h.
 pub const AWAITED: u8 = 75;
 
@@ -19,6 +22,8 @@ pub enum Failure {
     Usage(Error),
     /// The work failed: exit 1, or 130 where it was interrupted.
     Run(Error),
+    /// The bake is done, and what `--verify` found has been said: exit 3.
+    Differs,
     /// Whoever read our stdout has gone; that is their right (`lumel inspect scene | head`).
     ClosedPipe,
 }
@@ -45,6 +50,7 @@ pub fn exit_code(console: &Console, command: impl FnOnce() -> Result<(), Failure
     }
     let failure = match catch_unwind(AssertUnwindSafe(command)) {
         Ok(Ok(())) | Ok(Err(Failure::ClosedPipe)) => return ExitCode::SUCCESS,
+        Ok(Err(Failure::Differs)) => return ExitCode::from(DIFFERS),
         Ok(Err(failure)) => failure,
         Err(_) => {
             let first = first_panic.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -57,6 +63,7 @@ pub fn exit_code(console: &Console, command: impl FnOnce() -> Result<(), Failure
         Failure::Run(e @ Error::Cancelled) => (e, INTERRUPTED),
         Failure::Run(e @ Error::Awaited { .. }) => (e, AWAITED),
         Failure::Run(e) => (e, 1),
+        Failure::Differs => return ExitCode::from(DIFFERS),
         Failure::ClosedPipe => return ExitCode::SUCCESS,
     };
     console.error(&error);

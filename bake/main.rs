@@ -1,6 +1,6 @@
 //! The command `lumel`: arguments to settings, the library, and back to an exit code.
 //!
-//! Exit codes: 0 done, 1 failed, 2 usage, 130 interrupted. Results go to files, or to stdout where the command prints
+//! Exit codes: 0 done, 1 failed, 2 usage, 3 done but `--verify` found a difference, 75 parts of other shards are missing, 130 interrupted. Results go to files, or to stdout where the command prints
 //! something (`plan`, `inspect`, `form-factors`, `compare`, `cache`, `completions`); progress, warnings and errors go to stderr.
 
 mod args;

@@ -3,6 +3,7 @@
 
 mod caustics;
 pub mod kept;
+pub mod only;
 pub mod state;
 
 use crate::Result;
@@ -44,6 +45,7 @@ use crate::work::Work;
 use crate::write::{dump::Dump, watch::WatchFolder};
 use caustics::Brought;
 use kept::{Lamps, Look, Sight};
+use only::Earlier;
 use std::sync::Arc;
 
 /// How many times the error that was asked for may be estimated where what blocks see was found in other light, before they look
@@ -75,6 +77,13 @@ pub struct Illuminated {
     pub probes: LightProbes,
 }
 
+impl Illuminated {
+    /// What files show of it; the rest is let go.
+    pub fn into_shown(self) -> (Patches, Exposure, Lightmap, LightProbes) {
+        (self.patches, self.exposure, self.lightmap, self.probes)
+    }
+}
+
 /// Finds the light of a scene in memory on the pages of `atlas`: everything between unwrapping and writing.
 ///
 /// # Errors
@@ -95,17 +104,52 @@ pub fn illuminate_with(
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Illuminated> {
-    let dump = Dump::new(settings.dump_stages.as_deref());
     let stage = Stage::new(scene, atlas, settings, work, progress)?;
+    light(scene, atlas, stage, settings, None, work, progress)
+}
+
+/// The same by radiosity between blocks for those surfaces alone whose light isn't known by an `earlier` bake. The energy of the rest being
+/// out of sight, no balance is told. Errors are those of what is baked, relative to the mean light of all.
+///
+/// # Errors
+/// As [`illuminate_with`]; `Invalid` where no texel is left to be baked, or a layer that is wanted isn't among those of the earlier bake.
+pub fn illuminate_only(
+    scene: &Scene,
+    atlas: &Atlas,
+    settings: &Settings,
+    earlier: &Earlier,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Illuminated> {
+    let stage = Stage::new(scene, atlas, settings, work, progress)?;
+    // Direct light of some texels, and what these see in light that pages show, are of no use to any other bake.
+    light(scene, atlas, stage, settings, Some(earlier), &Work::unstored(), progress)
+}
+
+/// The light of what `stage` holds.
+fn light(
+    scene: &Scene,
+    atlas: &Atlas,
+    stage: Stage,
+    settings: &Settings,
+    earlier: Option<&Earlier>,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Illuminated> {
+    let dump = Dump::new(settings.dump_stages.as_deref());
     let ground = stage.ground(scene, atlas);
     let Stage { tracer: _, patches, reflectance, emission, exposure, lights, params } = &stage;
     dump.patches("normal", &ground, |i| patches.normal[i])?;
     dump.patches("albedo", &ground, |i| reflectance.0[i])?;
     dump.patches("emission", &ground, |i| emission.0[i])?;
     dump.patches("exposure", &ground, |i| exposure.share(i))?;
-    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
+    let known = earlier.map(|earlier| &earlier.known[..]);
+    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params, known };
+    if known.is_some() && !(0..patches.len()).any(|i| lit.is_wanted(i)) {
+        return Err(Error::invalid("only", "none of the texels of what is selected lies in the open; select more"));
+    }
     let Found { direct, elements, solution, mut gathered, backs, exchanged, mut groups, left_out, caustics } =
-        find(&lit, settings, &dump, work, progress)?;
+        find(&lit, settings, earlier, &dump, work, progress)?;
 
     let noisy = if groups.is_empty() { Vec::new() } else { gathered.irradiance.clone() };
     let denoised = denoise(&lit, &mut gathered, &settings.denoise_params(), progress)?;
@@ -155,9 +199,12 @@ pub fn illuminate_with(
         let seen = lightmap.irradiance(patches);
         lightmap.layers.extend(directional(&to.without_seams(), &seen, &moments, &normal, form));
     }
+    if let Some(earlier) = earlier {
+        earlier.put_back(&to.without_seams(), &mut lightmap)?;
+    }
     let bake =
         energy::Bake { lit, direct: &direct, backs: &backs, gathered: &gathered, left_out, taken: &caustics.taken };
-    let energy = match needs_walks(scene, settings) {
+    let energy = match needs_walks(scene, settings) || earlier.is_some() {
         true => EnergyBalance::default(),
         false => balance(&bake, &lightmap, !settings.float),
     };
@@ -190,7 +237,7 @@ pub fn share(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, pro
     let stage = Stage::new(scene, atlas, settings, work, progress)?;
     let ground = stage.ground(scene, atlas);
     let Stage { tracer: _, patches: _, reflectance, emission, exposure, lights, params } = &stage;
-    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
+    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params, known: None };
     let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
     let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work, progress }, progress)?;
     caustics::add(&lit, &parts, &mut apart, settings, progress)?;
@@ -277,7 +324,14 @@ struct Found {
 }
 
 /// The light of all texels, by the method that is asked for.
-fn find(lit: &Lit, settings: &Settings, dump: &Dump, work: &Work, progress: &dyn Progress) -> Result<Found> {
+fn find(
+    lit: &Lit,
+    settings: &Settings,
+    earlier: Option<&Earlier>,
+    dump: &Dump,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let elements = || Elements::new(lit.ground, lit.exposure, lit.reflectance, settings.element_count(), settings.seed);
     let parts = parts(lit.ground.scene, settings.layers.contains(&LayerKind::LightGroups));
     let mut found = match (settings.method, settings.gather()) {
@@ -287,7 +341,7 @@ fn find(lit: &Lit, settings: &Settings, dump: &Dump, work: &Work, progress: &dyn
         (Method::Path | Method::Ray | Method::Bidirectional | Method::Metropolis | Method::Photon, _) => {
             by_walks(lit, &parts, settings, dump, progress)?
         }
-        (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, dump, work, progress)?,
+        (Method::Radiosity, Gather::Blocks) => by_blocks(lit, &parts, settings, earlier, dump, work, progress)?,
         (Method::Radiosity, _) => by_elements(lit, &parts, elements(), settings, dump, work, progress)?,
     };
     if leaves_out_sky(&parts) {
@@ -320,6 +374,7 @@ fn by_blocks(
     lit: &Lit,
     parts: &[Part],
     settings: &Settings,
+    earlier: Option<&Earlier>,
     dump: &Dump,
     work: &Work,
     progress: &dyn Progress,
@@ -327,6 +382,9 @@ fn by_blocks(
     let keep = settings.layers.contains(&LayerKind::LightGroups);
     let mut apart = direct_apart(lit, parts, keep, &Lamps { lit, work, progress }, progress)?;
     let caustics = caustics::add(lit, parts, &mut apart, settings, progress)?;
+    if let Some(earlier) = earlier {
+        earlier.send(lit, parts, &mut apart)?;
+    }
     let Apart { whole: direct, left_out, each } = apart;
     dump.patches("direct", lit.ground, |i| direct.shown[i])?;
     let sources: Vec<Source> = parts.iter().zip(&each).map(|(part, direct)| source(part, direct)).collect();

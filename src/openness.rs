@@ -113,7 +113,7 @@ impl<'a> Look<'a> {
 
     fn around(&mut self, i: usize) -> Around {
         let mut around = Around { ambient: 0.0, bent: self.lit.ground.patches.normal[i], sky: 0.0, rays: 0 };
-        if self.lit.exposure.is_buried(i) {
+        if !self.lit.is_wanted(i) {
             return around;
         }
         self.cutter.cut(i, &mut self.footprint);

@@ -1,7 +1,10 @@
 //! The data's way from file to files, in order: load, unwrap, [`illuminate`] (rasterize, direct, exchange, post), write.
 
 mod mix;
+mod only;
+mod pages;
 mod remembered;
+mod verify;
 
 pub use mix::{Weight, mix};
 use remembered::{Remembered, relit};
@@ -11,7 +14,7 @@ use crate::blocks::PARTS;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::{Illuminated, ROUGHER, illuminate_with, needs_walks, share};
+use crate::illuminate::{Illuminated, ROUGHER, illuminate_only, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
@@ -54,14 +57,17 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let (clock, start) = (Clock::new(progress), SystemTime::now());
     let (mut report, mut loaded, _lock) = open(scene, folder, settings, &clock)?;
     refuse_darkness(&loaded, settings)?;
+    let selected = if settings.only.is_empty() { None } else { Some(only::select(&loaded.scene, &settings.only)?) };
     // Too many probes are found out now, too.
     settings.probe_params(&loaded.scene)?;
     if let Some(folder) = &settings.watch {
         watch::clear(folder)?;
     }
     let remembered = Remembered::open(scene, settings)?;
-    let is_relit = settings.relight.is_some();
-    let (atlas, places) = remembered.lay_out(&loaded, settings, is_relit, &clock, &mut report)?;
+    let as_before = settings.relight.is_some() || selected.is_some();
+    let (atlas, places) = remembered.lay_out(&loaded, settings, as_before, &clock, &mut report)?;
+    let earlier = selected.map(|selected| only::earlier(folder, &loaded.scene, &atlas, &selected, settings));
+    let earlier = earlier.transpose()?;
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
@@ -78,18 +84,60 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
         report.stages = clock.stages();
         return Ok(report);
     }
-    let lit = illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?;
-    work.forget_parts(PARTS);
-    remembered.keep_state((&loaded.scene, &atlas, &lit.patches), places, settings);
-    remembered.prune(start, settings);
+    let lit = match &earlier {
+        None => illuminate_with(&loaded.scene, &atlas, settings, &work, &clock)?,
+        Some(earlier) => illuminate_only(&loaded.scene, &atlas, settings, &earlier.bake, &work, &clock)?,
+    };
+    if earlier.is_none() {
+        work.forget_parts(PARTS);
+        remembered.keep_state((&loaded.scene, &atlas, &lit.patches), places, settings);
+        remembered.prune(start, settings);
+    }
     report.warnings.extend(remembered.store.take_warnings());
     report.reused.extend(work.tally());
+    describe_light(&mut report, &lit, settings);
+    report.warnings.extend(doubts(&loaded.scene));
+    warn_of_light(&loaded.scene, &lit, &mut report, settings);
+    let settings = &match &earlier {
+        // What is kept may be more than half floats hold.
+        Some(earlier) => Settings { float: settings.float || earlier.is_float, ..settings.clone() },
+        None => settings.clone(),
+    };
+    report.settings.float = settings.float;
+    if let Some(earlier) = &earlier {
+        only::describe(&mut report, &earlier.bake, &lit, settings);
+    }
+    let known = earlier.map_or(Vec::new(), |earlier| earlier.bake.known);
+    let estimated = verify::estimated(&lit);
+    // Nothing else of the light is needed any more.
+    let (patches, exposure, lightmap, probes) = lit.into_shown();
+    if settings.verify && (settings.relight.is_some() || !known.is_empty() || work.has_reused()) {
+        let (patches, exposure, lightmap) = (&patches, &exposure, &lightmap);
+        let baked = verify::Baked {
+            scene: &loaded.scene,
+            atlas: &atlas,
+            patches,
+            exposure,
+            lightmap,
+            known: &known,
+            estimated,
+        };
+        let verified = verify::verify(&baked, settings, &clock)?;
+        report.warnings.extend(verified.warning());
+        report.verified = Some(verified);
+    }
+    let shown = Shown { patches: &patches, exposure: &exposure, lightmap: &lightmap, probes: &probes };
+    finish(&loaded, &atlas, Some(shown), folder, settings, &clock, report)
+}
+
+/// Says in `report` how the light was found.
+fn describe_light(report: &mut Report, lit: &Illuminated, settings: &Settings) {
     report.texels = lit.patches.len();
     report.buried_texels = lit.exposure.buried_count();
     let of_light = lit.direct.rays + lit.solution.rays + lit.gathered.rays;
     report.rays = lit.exposure.rays + of_light + lit.layer_rays + lit.probes.rays;
     report.noise = lit.gathered.noise;
-    report.solver = solver_report(&lit, settings);
+    report.solver = solver_report(lit, settings);
     report.error = lit.exchanged.map(|e| ErrorReport {
         aimed: 100.0 * settings.block_params().error,
         estimated: 100.0 * e.noise.hypot(e.bias),
@@ -99,28 +147,29 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     report.denoise = lit.denoised.clone();
     report.seams = (lit.seams.texels > 0.0).then_some(lit.seams);
     report.energy = lit.energy;
+    report.describe_probes(&lit.probes);
+}
+
+/// Says where the light is not what it seems.
+fn warn_of_light(scene: &Scene, lit: &Illuminated, report: &mut Report, settings: &Settings) {
     if lit.solution.blocked_share > 0.0 {
         let message =
             "analytic form factors know no occluders, and light goes through these; choose --form-factors area";
         let share = 100.0 * lit.solution.blocked_share;
         report.warnings.add(format!("{share:.2} % of the ways between elements are blocked"), message);
     }
-    for material in too_white(&loaded.scene) {
+    for material in too_white(scene) {
         report.warnings.add(&material.name, format!("an albedo above {MOST_ALBEDO} was baked as {MOST_ALBEDO}"));
     }
-    report.warnings.extend(doubts(&loaded.scene));
-    if settings.gather() == Gather::None && loaded.scene.surfaces.iter().any(|s| !s.role.casts) {
+    if settings.gather() == Gather::None && scene.surfaces.iter().any(|s| !s.role.casts) {
         report
             .warnings
             .add("gather none", "objects that don't cast have no elements to read; they show direct light alone");
     }
-    warn_of_panes(&loaded.scene, &mut report, settings);
-    warn_of_masks(&loaded.scene, &mut report, settings);
-    warn_of_doubts(&mut report, settings);
-    warn_of_idle_settings(&loaded.scene, &mut report, settings);
-    report.describe_probes(&lit.probes);
-    let Illuminated { patches, exposure, lightmap, probes, .. } = &lit;
-    finish(&loaded, &atlas, Some(Shown { patches, exposure, lightmap, probes }), folder, settings, &clock, report)
+    warn_of_panes(scene, report, settings);
+    warn_of_masks(scene, report, settings);
+    warn_of_doubts(report, settings);
+    warn_of_idle_settings(scene, report, settings);
 }
 
 /// Refuses a scene in which nothing shines: unless its lights are left to the engine, and layers such as shadow masks are wanted.
@@ -259,6 +308,11 @@ pub fn unwrap(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn P
 pub fn form_factors(scene: &Path, output: &Path, settings: &Settings, progress: &dyn Progress) -> Result<Figures> {
     settings.check()?;
     let params = settings.view_factor_params()?;
+    if !settings.only.is_empty() {
+        let message =
+            "selects whose light is baked, and form factors are between all objects; leave it out, or objects by skip";
+        return Err(Error::invalid("only", message));
+    }
     refuse_input(output, scene)?;
     refuse_other(output, scene, settings.overwrite)?;
     let file = output.file_name().ok_or_else(|| Error::invalid(output.display(), "is no file; give one with -o"))?;

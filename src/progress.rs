@@ -41,3 +41,17 @@ impl Progress for Silent {
         Duration::ZERO
     }
 }
+
+/// One stage, whatever stages go on within it.
+pub struct Within<'a>(pub &'a dyn Progress);
+
+impl Progress for Within<'_> {
+    fn begin(&self, _: &'static str, _: u64) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+    fn elapsed(&self) -> Duration {
+        self.0.elapsed()
+    }
+}

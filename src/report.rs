@@ -1,6 +1,7 @@
 //! What a bake did, for people and for `report.json`.
 
 use crate::adaptive::AdaptiveReport;
+use crate::digest;
 use crate::energy::EnergyBalance;
 use crate::error::{Error, Result, Warnings};
 use crate::meshing::{MeshMode, VertexReport};
@@ -10,6 +11,7 @@ use crate::progress::Progress;
 use crate::scene::{BakeMode, Contribution, Environment};
 use crate::settings::{Gather, Settings};
 use crate::solve::{LinkReport, Step};
+use crate::store::Key;
 use crate::transport::Method as FormFactors;
 use crate::unwrap::AuthoredUvs;
 use crate::work::Tally;
@@ -71,6 +73,12 @@ pub struct Report {
     /// What light groups were multiplied by; absent unless pages were mixed of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mixed: Option<Vec<MixReport>>,
+    /// What was baked and what was kept of an earlier bake; absent where all was baked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub only: Option<OnlyReport>,
+    /// How far the bake is from one that remembers nothing; absent unless that was asked for and something remembered was used.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verified: Option<Verified>,
     /// What error is estimated to be left; absent where blocks did not gather.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<ErrorReport>,
@@ -135,6 +143,73 @@ pub struct MixReport {
     pub weight: [f32; 3],
 }
 
+/// What was baked beside kept texels.
+#[derive(Clone, Debug, Serialize)]
+pub struct OnlyReport {
+    /// What selects objects.
+    pub patterns: Vec<String>,
+    /// Surfaces that were baked: those selected, and those that no written page shows.
+    pub surfaces: usize,
+    pub baked_texels: usize,
+    pub kept_texels: usize,
+}
+
+/// The differences of a bake to one that remembers nothing, by luminance, relative to the mean light [%]; [`crate::pipeline`] says
+/// what they may be.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verified {
+    /// Whether they are no more than noise explains.
+    pub holds: bool,
+    /// Texels that were compared.
+    pub texels: usize,
+    /// Of the means.
+    pub bias: f64,
+    /// Root mean square, without the worst hundredth of the area.
+    pub rms: f64,
+    /// The noise that both bakes have together, as they estimate it.
+    pub noise: f64,
+    /// What noise explains: of `rms`, and of means.
+    pub most_rms: f64,
+    pub most_bias: f64,
+    /// Of those surfaces of a hundredth of the area at least.
+    pub worst: Option<WorstSurface>,
+}
+
+/// The surface whose mean differs most, for what its noise explains; relative to the mean light of all [%].
+#[derive(Clone, Debug, Serialize)]
+pub struct WorstSurface {
+    pub name: String,
+    /// Of its mean.
+    pub bias: f64,
+    /// Root mean square of all of its texels.
+    pub rms: f64,
+    /// What noise explains of `bias`.
+    pub most_bias: f64,
+}
+
+impl Verified {
+    /// It in one line.
+    pub fn line(&self) -> String {
+        let Self { bias, rms, noise, most_rms, most_bias, .. } = self;
+        let worst = self.worst.as_ref().map_or(String::new(), |w| format!("; worst {} {:+.2} %", w.name, w.bias));
+        format!(
+            "{}: mean {bias:+.2} % (at most {most_bias:.2}), texels {rms:.2} % (at most {most_rms:.2}, by noise of {noise:.2}){worst}",
+            if self.holds { "verified" } else { "NOT verified" },
+        )
+    }
+
+    /// What to say where the difference is more than noise explains.
+    pub fn warning(&self) -> Warnings {
+        let mut warnings = Warnings::default();
+        if !self.holds {
+            let message = "differs from a bake that remembers nothing by more than noise explains; bake anew with --no-cache and without \
+                           --only, and report it where the scene hasn't changed since what is kept was baked";
+            warnings.add("verify", message);
+        }
+        warnings
+    }
+}
+
 /// A surface and its place.
 #[derive(Clone, Debug, Serialize)]
 pub struct SurfaceReport {
@@ -151,6 +226,19 @@ pub struct SurfaceReport {
     pub scale: Option<[f32; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset: Option<[f32; 2]>,
+    /// Hexadecimal digits of a hash of the texels that it covers on the page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<String>,
+}
+
+/// Digits of places: enough to tell those of one name apart.
+const PLACE_DIGITS: usize = 16;
+
+/// A key of [`digest::places`] as reports tell it.
+pub(crate) fn place_in_report(key: Key) -> String {
+    let mut digits = key.to_string();
+    digits.truncate(PLACE_DIGITS);
+    digits
 }
 
 /// A page and its file.
@@ -282,6 +370,16 @@ impl Report {
             if bright > 0 {
                 lines.push(format!("{bright} page(s) hold more than half floats do (65504): written as 32-bit floats"));
             }
+            if let Some(OnlyReport { surfaces, baked_texels, kept_texels, .. }) = &self.only {
+                lines.push(format!("baked {baked_texels} texels of {surfaces} surface(s), kept {kept_texels}"));
+            }
+            match &self.verified {
+                Some(verified) => lines.push(verified.line()),
+                None if self.settings.verify => {
+                    lines.push("nothing that was remembered was used: there was nothing to verify".to_string());
+                }
+                None => {}
+            }
             if let Some(v) = self.vertices.as_ref().filter(|v| v.mode != MeshMode::Given) {
                 let (from, to, asked) = (v.given_triangles, v.triangles, v.error);
                 let within = format!("{:.1} % of the area within {asked} %, 95 % within {:.2} %", v.within, v.p95);
@@ -306,6 +404,7 @@ impl Report {
         let (scene, atlas) = (baked.scene, baked.atlas);
         self.density = atlas.density;
         self.triangles = scene.triangle_count();
+        let places = digest::places(scene, atlas);
         let describe = |i: usize| {
             let (s, placement) = (&scene.surfaces[i], atlas.is_shown(i).then(|| &atlas.placements[i]));
             SurfaceReport {
@@ -316,6 +415,7 @@ impl Report {
                 page: placement.map(|p| p.page),
                 scale: placement.map(|p| p.scale.to_array()),
                 offset: placement.map(|p| p.offset.to_array()),
+                place: placement.map(|_| place_in_report(places[i])),
             }
         };
         self.surfaces = (0..scene.surfaces.len()).map(describe).collect();

@@ -192,6 +192,13 @@ pub struct Settings {
     pub watch: Option<PathBuf>,
     /// Shots or sweeps between two of them; none: chosen by the solver.
     pub watch_every: Option<u64>,
+    /// Patterns over the paths of objects that alone are baked: the texels of the others stay as they are in the output folder; none: all
+    /// are baked.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub only: Vec<String>,
+    /// Bakes again without what is remembered, where something was used, and compares.
+    #[serde(skip_serializing)]
+    pub verify: bool,
     /// Replace another scene's bake in the output folder.
     pub overwrite: bool,
     /// Lays out all surfaces anew, though the places of some are known from an earlier bake.
@@ -320,6 +327,9 @@ const LEAST_VERTEX_ERROR: f64 = 0.1;
 
 /// Samples of blocks where an error or a time is asked for, for each texel on average, at most.
 const MOST_SAMPLES: u32 = 4096;
+
+/// So many times as many a texel where some objects alone are baked: hard ones have no easy ones beside them whose samples they could use.
+const MORE_SAMPLES: u32 = 2;
 
 /// Shots or sweeps at most.
 const MOST_ITERATIONS: u64 = 1_000_000_000;
@@ -506,7 +516,11 @@ impl Settings {
     pub fn block_params(&self) -> BlockParams {
         // Whoever asks for an error or a time has said how long it may take.
         let is_preset = self.error.is_none() && self.time_budget.is_none();
-        let most = if is_preset { self.quality.preset().gather_samples } else { MOST_SAMPLES };
+        let most = match (is_preset, self.only.is_empty()) {
+            (false, _) => MOST_SAMPLES,
+            (true, true) => self.quality.preset().gather_samples,
+            (true, false) => (MORE_SAMPLES * self.quality.preset().gather_samples).min(MOST_SAMPLES),
+        };
         BlockParams {
             error: self.aimed_error(),
             most_samples: f64::from(most),

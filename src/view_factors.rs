@@ -171,6 +171,7 @@ pub fn view_factors(
         emission: &emission,
         lights: &lights,
         params: &params.direct,
+        known: None,
     };
     let elements = Elements::within_surfaces(&ground, &exposure, &reflectance, params.elements, params.seed);
     let n = elements.len();

@@ -174,6 +174,11 @@ impl<'a> Work<'a> {
         counts.iter().map(|(kind, counts)| (kind.clone(), tally(counts))).collect()
     }
 
+    /// True where some result was found that was remembered, or may have been made from those of a bake before.
+    pub fn has_reused(&self) -> bool {
+        self.before.is_some() || self.tally().values().any(|tally| tally.reused > 0)
+    }
+
     /// Counts a result of `kind` as asked for.
     pub fn ask(&self, kind: &str) {
         self.count(kind, 1, 0);

@@ -163,7 +163,7 @@ fn value_about_the_own_normal_is_the_pages() {
         let (reflectance, emission) = &reflectance(&ground, &Silent).unwrap();
         let exposure = &unocclude(&ground, 0, &Silent).unwrap();
         let (lights, params) = (&Lights::new(&case.scene), &settings.direct_params());
-        let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params };
+        let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params, known: None };
         let normals = shown_normals(&lit);
         let all = coefficients(&baked);
         for i in open(&baked) {

@@ -29,7 +29,8 @@ fn traced(scene: &Scene, atlas: &Atlas, params: &PathParams) -> (Traced, Patches
     let (reflectance, emission) = &reflectance(&ground, &Silent).unwrap();
     let exposure = &unocclude(&ground, 0, &Silent).unwrap();
     let lights = &Lights::new(scene);
-    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params: &draft().direct_params() };
+    let direct = draft().direct_params();
+    let lit = Lit { ground: &ground, exposure, reflectance, emission, lights, params: &direct, known: None };
     (trace(&lit, params, &Silent).unwrap(), patches)
 }
 

@@ -39,6 +39,7 @@ fn with_lit<T>(scene: &Scene, atlas: &Atlas, look: impl FnOnce(&Lit) -> T) -> T 
         emission: &emission,
         lights: &lights,
         params: &params,
+        known: None,
     };
     look(&lit)
 }

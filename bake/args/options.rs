@@ -359,6 +359,29 @@ pub struct RunningArgs {
     pub overwrite: Option<bool>,
 }
 
+/// What is baked.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Selection")]
+#[serde(rename_all = "kebab-case")]
+pub struct OnlyArgs {
+    /// Bake the objects of this path alone, may be repeated; the texels of all others stay as the bake in the output folder left them, and
+    /// send on the light that they show. A path is as in [[objects]]: names joined by /, * for anything within a name, ** for any
+    /// names, and what lies below it [default: all objects]
+    #[arg(long, value_name = "PATTERN")]
+    pub only: Option<Vec<String>>,
+}
+
+/// Whether what is remembered is trusted.
+#[derive(Debug, Default, clap::Args, Serialize)]
+#[command(next_help_heading = "Cache")]
+#[serde(rename_all = "kebab-case")]
+pub struct VerifyArgs {
+    /// Where something remembered was used, bake all again in memory without it, and compare: more than noise explains is a warning,
+    /// and exit code 3 [default: false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true", hide_possible_values = true)]
+    pub verify: Option<bool>,
+}
+
 /// What is remembered.
 #[derive(Debug, Default, clap::Args, Serialize)]
 #[command(next_help_heading = "Cache")]

@@ -2,7 +2,7 @@
 
 /// Stages of a bake in their order, and the share of the time that has passed where each begins: about, by the defaults on a living room.
 /// Of the ways to find light, which exclude one another, each has the whole middle.
-const COURSE: [(&str, f64); 18] = [
+const COURSE: [(&str, f64); 19] = [
     ("load", 0.0),
     ("adapt", 0.01),
     ("unwrap", 0.02),
@@ -18,6 +18,7 @@ const COURSE: [(&str, f64); 18] = [
     ("probes", 0.90),
     ("denoise", 0.91),
     ("post", 0.94),
+    ("verify", 0.95),
     ("vertices", 0.96),
     ("write", 0.98),
     ("", 1.0),

@@ -19,7 +19,7 @@ use crate::error::{Result, Warnings};
 use crate::illuminate::illuminate;
 use crate::post::denoise::Denoise;
 use crate::post::{Directional, LayerKind, seam::SeamMode};
-use crate::progress::Progress;
+use crate::progress::{Progress, Within};
 use crate::scene::Scene;
 use crate::settings::{Gather, Method, Quality, Settings};
 use crate::solve::Solver;
@@ -28,7 +28,6 @@ use crate::unwrap::{Atlas, Density, Importance, UnwrapParams, unwrap};
 use allot::{Need, allot};
 use detail::details;
 use serde::Serialize;
-use std::time::Duration;
 
 /// Texels of the quick bake over those of the bake.
 const QUICK_TEXELS: f64 = 0.5;
@@ -190,19 +189,5 @@ pub fn densities(scene: &Scene, atlas: &Atlas) -> Densities {
         least: density(charts.first()),
         median: density(median),
         most: density(charts.last()),
-    }
-}
-
-/// One stage, whatever stages go on within it.
-struct Within<'a>(&'a dyn Progress);
-
-impl Progress for Within<'_> {
-    fn begin(&self, _: &'static str, _: u64) {}
-    fn advance(&self, _: u64) {}
-    fn cancelled(&self) -> bool {
-        self.0.cancelled()
-    }
-    fn elapsed(&self) -> Duration {
-        self.0.elapsed()
     }
 }

@@ -101,7 +101,8 @@ impl Blocks {
     pub fn new(lit: &Lit) -> Self {
         let patches = lit.ground.patches;
         let n = patches.len() as u32;
-        let open: Vec<u32> = (0..n).filter(|&i| !lit.exposure.is_buried(i as usize)).collect();
+        // Those whose light is known gather none.
+        let open: Vec<u32> = (0..n).filter(|&i| lit.is_wanted(i as usize)).collect();
         let region = regions(lit.ground, &open, |i, j| patches.normal[i].dot(patches.normal[j]) > CREASE_COS);
         let mut order = open;
         order.par_sort_unstable_by_key(|&i| (region[i as usize], i));
@@ -181,6 +182,11 @@ impl Blocks {
     /// Number of blocks that are no backs; they come first.
     pub fn fronts(&self) -> usize {
         self.list.partition_point(|b| !b.back)
+    }
+
+    /// Number of texels that have fronts.
+    pub fn front_texels(&self) -> usize {
+        self.fronts().checked_sub(1).map_or(0, |last| self.list[last].end as usize)
     }
 
     /// The patches of block `b`.

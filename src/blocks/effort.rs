@@ -9,7 +9,7 @@ use super::field::Field;
 use super::smooth::Smoothed;
 use super::sweep::{Radiosity, System};
 use crate::color::luminance;
-use crate::light::Direct;
+use crate::light::{Direct, Lit};
 use rayon::prelude::*;
 
 /// Samples of a half of a block, at least and at most.
@@ -102,12 +102,17 @@ impl Stakes {
     /// From what is known now.
     pub fn new(field: &Field, variance: &[f32], direct: &Direct, gain: f32) -> Self {
         let blocks = &field.blocks.list;
-        let direct = direct_light(field, direct);
+        let (of_patches, direct) = (direct, direct_light(field, direct));
         let all = |b: usize| luminance(field.irradiance[b]) + direct[b];
         let (mut sum, mut area) = (0.0f64, 0.0f64);
         for (b, block) in blocks[..direct.len()].iter().enumerate() {
             sum += f64::from(all(b)) * f64::from(block.area);
             area += f64::from(block.area);
+        }
+        let Lit { ground, exposure, .. } = *field.lit;
+        for i in (0..ground.patches.len()).filter(|&i| field.lit.is_known(i)) {
+            let a = f64::from(exposure.area[i]);
+            (sum, area) = (sum + a * f64::from(luminance(of_patches.shown[i])), area + a);
         }
         let mean = (sum / area.max(f64::MIN_POSITIVE)) as f32;
         let pooled = |b: usize| {

@@ -292,7 +292,7 @@ impl<'a> Run<'a> {
 
     /// Samples that may still be taken, in the time that is left.
     fn samples_left(&self) -> f64 {
-        let texels = self.field.lit.ground.patches.len() as f64;
+        let texels = self.field.blocks.front_texels() as f64;
         let in_time = self.time_left().zip(self.rate).map_or(f64::INFINITY, |(time, rate)| time * rate);
         (self.field.params.most_samples * texels - self.field.rays as f64).max(0.0).min(in_time)
     }

@@ -281,8 +281,12 @@ impl Draw<'_> {
         let Some(hit) = hit else {
             return if self.lit.lights.sky.is_some() { Seen::Sky } else { Seen::Nothing };
         };
-        let of = if hit.back { &self.blocks.back_of } else { &self.blocks.front_of };
-        match self.lit.ground.patch_under(hit).filter(|&patch| of[patch] != NONE) {
+        // A front whose light is known has no block.
+        let sends = |patch: &usize| match hit.back {
+            true => self.blocks.back_of[*patch] != NONE,
+            false => !self.lit.exposure.is_buried(*patch),
+        };
+        match self.lit.ground.patch_under(hit).filter(sends) {
             Some(patch) => Seen::Patch(patch, hit.back),
             None => Seen::Nothing,
         }

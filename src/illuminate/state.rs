@@ -16,8 +16,10 @@ const MOST_CHANGED: f64 = 0.5;
 /// Boxes around what changed, at most; looking in the directions of more of them costs more than it saves.
 const MOST_BOXES: usize = 32;
 
-/// Boxes are joined where the one around both has no more than so many times the area of both.
+/// Boxes are joined where the one around both has no more than so many times the area of both: more where they touch, as the sides of
+/// one thing do.
 const JOINED: f32 = 1.2;
+const TOUCHING: f32 = 2.4;
 
 /// What a bake was of.
 #[derive(Clone, Debug)]
@@ -143,11 +145,14 @@ fn joined(boxes: Vec<[Vec3; 2]>) -> Vec<[Vec3; 2]> {
         let side = high - low;
         side.x * side.y + side.y * side.z + side.z * side.x
     };
+    let touches = |[a, b]: [Vec3; 2], [c, d]: [Vec3; 2]| a.cmple(d).all() && c.cmple(b).all();
+    let is_joined = |a: [Vec3; 2], b: [Vec3; 2]| {
+        let most = if touches(a, b) { TOUCHING } else { JOINED };
+        area(around(a, b)) <= most * (area(a) + area(b))
+    };
     let mut all: Vec<[Vec3; 2]> = Vec::new();
     for mut next in boxes {
-        while let Some(k) =
-            all.iter().position(|other| area(around(next, *other)) <= JOINED * (area(next) + area(*other)))
-        {
+        while let Some(k) = all.iter().position(|other| is_joined(next, *other)) {
             next = around(next, all.swap_remove(k));
         }
         all.push(next);
@@ -201,6 +206,10 @@ mod tests {
         let cube = |at: f32| [Vec3::splat(at), Vec3::splat(at + 1.0)];
         assert_eq!(joined(vec![cube(0.0), cube(0.1), cube(9.0)]).len(), 2);
         assert_eq!(joined(vec![cube(0.0), cube(5.0), cube(10.0)]).len(), 3);
+        // The sides of a box.
+        let (o, x, y, z) = (Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z);
+        let sides = [[o, x + y], [o, y + z], [o, z + x], [x, Vec3::ONE], [y, Vec3::ONE], [z, Vec3::ONE]];
+        assert_eq!(joined(sides.to_vec()), [[o, Vec3::ONE]]);
         let [low, high] = joined(vec![cube(0.0), cube(0.1)])[0];
         assert_eq!([low, high], [Vec3::ZERO, Vec3::splat(1.1)]);
     }

@@ -128,7 +128,8 @@ pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
 /// `Cancelled`.
 pub(super) fn glimpse_flux(lit: &Lit, progress: &dyn Progress) -> Result<DVec3> {
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
-    let some: Vec<&Range<usize>> = blocks.iter().step_by(GLIMPSED).collect();
+    // A block is of one chart.
+    let some: Vec<&Range<usize>> = blocks.iter().filter(|block| !lit.is_known(block.start)).step_by(GLIMPSED).collect();
     let has_sky = lit.lights.has_sharp_sky();
     let of_block = |block: &&Range<usize>| {
         progress.check()?;
@@ -275,7 +276,7 @@ impl Close<'_> {
         let lit = self.lit;
         let mut noise = Noise { closely: vec![0; ballots.len()], variance: vec![0.0; ballots.len()] };
         // Patches around which something may be disputed that was not before.
-        let mut candidates: Vec<usize> = (0..ballots.len()).collect();
+        let mut candidates: Vec<usize> = (0..ballots.len()).filter(|&i| !lit.is_known(i)).collect();
         for _ in 0..MOST_ROUNDS {
             let wanted = |i: usize| {
                 let all = lit.ground.neighbours(i).fold(ballots[i], |all, j| all.or(ballots[j]));
@@ -359,6 +360,9 @@ pub(super) fn at_block<T: Clone + Default>(
     let Lit { ground, exposure, lights, params, .. } = *lit;
     let patches = ground.patches;
     let mut all = vec![T::default(); members.len()];
+    if lit.is_known(block.start) {
+        return all;
+    }
     let mut cutter = Cutter::new(ground);
     let cut = |k: usize| {
         let i = members[k];

@@ -148,9 +148,21 @@ pub struct Lit<'a> {
     pub lights: &'a Lights,
     /// How light straight from lights is estimated.
     pub params: &'a DirectParams,
+    /// By surface: true where the light is known already, so that its texels send it and none is found; `None`: nowhere.
+    pub known: Option<&'a [bool]>,
 }
 
 impl Lit<'_> {
+    /// True where light is to be found of patch `i`: some of it lies in the open, and it isn't known.
+    pub fn is_wanted(&self, i: usize) -> bool {
+        !self.exposure.is_buried(i) && !self.is_known(i)
+    }
+
+    /// True where the light of patch `i` is known already.
+    pub fn is_known(&self, i: usize) -> bool {
+        self.known.is_some_and(|known| known[self.ground.patches.surface(i) as usize])
+    }
+
     /// The patch under a hit, where the side that was hit can send light back: not on the backs of single-sided surfaces, which are
     /// black, nor on the front of buried patches.
     pub fn reflecting(&self, hit: &Hit) -> Option<usize> {

@@ -99,7 +99,7 @@ impl Skies<'_> {
     /// Looks closely wherever it is disputed what is seen, and follows what is found.
     fn follow(&self, known: &mut Known) -> Result<()> {
         let count = known.ballots.len();
-        let mut candidates: Vec<usize> = (0..count).collect();
+        let mut candidates: Vec<usize> = (0..count).filter(|&i| !self.lit.is_known(i)).collect();
         for round in 0..MOST_ROUNDS {
             let wanted = |i: &usize| {
                 let all = self.lit.ground.neighbours(*i).fold(known.ballots[*i], |all, j| all.or(known.ballots[j]));

@@ -97,7 +97,12 @@ impl Patches {
 
     /// The surface that patch `i` is a part of.
     pub fn surface(&self, i: usize) -> u32 {
-        self.charts[self.chart[i] as usize][0]
+        self.surface_of_chart(self.chart[i])
+    }
+
+    /// The surface that a chart (number over all surfaces) is a part of.
+    pub fn surface_of_chart(&self, chart: u32) -> u32 {
+        self.charts[chart as usize][0]
     }
 
     /// The patches of each of `surfaces` surfaces: runs, one after the other.

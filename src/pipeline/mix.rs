@@ -1,10 +1,11 @@
 //! Light groups of a bake weighed against each other: pages are linear in the light, so that the sum of the groups' layers, each by its
 //! weight, is the page that lights of these strengths would have left, seams and gutters included.
 
+use super::pages::Pages;
 use super::remembered::Remembered;
 use super::{Shown, finish, open};
 use crate::color::Rgb;
-use crate::compare::{Page, ReadLayer, read_layers};
+use crate::compare::{Page, ReadLayer};
 use crate::error::{Error, Result};
 use crate::illuminate::texels;
 use crate::patch::Patches;
@@ -14,7 +15,6 @@ use crate::progress::Progress;
 use crate::report::{Clock, MixReport, Report};
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
-use serde_json::Value;
 use std::path::Path;
 
 /// What the layer of a group is called before the group's own name.
@@ -29,15 +29,6 @@ pub struct Weight {
     pub group: String,
     /// By channel; not negative.
     pub by: Rgb,
-}
-
-/// The pages of a bake as they were read.
-struct Pages {
-    pages: Vec<Page>,
-    /// Of each page, the same ones in the same order.
-    layers: Vec<Vec<ReadLayer>>,
-    /// Of layers that are of a light or group: its name.
-    of: Vec<Option<String>>,
 }
 
 /// Bakes the scene file `scene` anew from the light groups in the output folder `baked`, each by its weight, into the folder `folder`.
@@ -59,7 +50,7 @@ pub fn mix(
     }
     let clock = Clock::new(progress);
     clock.begin("pages", 0);
-    let read = Pages::read(baked)?;
+    let read = Pages::read(baked, "bake with --encoding exr among others, and --layers light-groups")?;
     read.check(baked, weights)?;
     let is_lossy = settings.directional != Directional::Off || settings.probes.is_some();
     let settings = &of_mix(settings);
@@ -103,6 +94,8 @@ fn of_mix(settings: &Settings) -> Settings {
         probes: None,
         shard: None,
         relight: None,
+        only: Vec::new(),
+        verify: false,
         ..settings.clone()
     }
 }
@@ -113,36 +106,6 @@ fn is_of_places(name: &str) -> bool {
 }
 
 impl Pages {
-    /// The pages in the output folder `folder`.
-    fn read(folder: &Path) -> Result<Self> {
-        let path = folder.join("report.json");
-        let text = std::fs::read(&path).map_err(|e| Error::io(&path, e))?;
-        let report: Value = serde_json::from_slice(&text).map_err(|e| Error::invalid(path.display(), e))?;
-        let listed = report["pages"].as_array().map_or(&[][..], Vec::as_slice);
-        let uris = listed.iter().map(|page| page["uri"].as_str().filter(|uri| uri.ends_with(".exr")));
-        let Some(uris) = uris.collect::<Option<Vec<&str>>>().filter(|uris| !uris.is_empty()) else {
-            let message = "names no OpenEXR pages; bake with --encoding exr among others, and --layers light-groups";
-            return Err(Error::invalid(path.display(), message));
-        };
-        let (mut pages, mut layers) = (Vec::new(), Vec::new());
-        for uri in uris {
-            let (page, of_page) = read_layers(&folder.join(uri))?;
-            pages.push(page);
-            layers.push(of_page);
-        }
-        let names = |of_page: &[ReadLayer]| of_page.iter().map(|l| l.name.clone()).collect::<Vec<_>>();
-        if layers.iter().any(|of_page| names(of_page) != names(&layers[0])) {
-            return Err(Error::invalid(folder.display(), "its pages have different layers; bake anew"));
-        }
-        let told = report["layers"].as_array().map_or(&[][..], Vec::as_slice);
-        let of = |layer: &ReadLayer| {
-            let own = told.iter().find(|l| l["name"].as_str() == Some(&layer.name));
-            own.and_then(|l| l["of"].as_str()).map(str::to_owned)
-        };
-        let of = layers[0].iter().map(of).collect();
-        Ok(Self { pages, layers, of })
-    }
-
     /// The names of the groups.
     fn groups(&self) -> Vec<&str> {
         self.layers[0].iter().filter_map(|layer| layer.name.strip_prefix(GROUP)).collect()
@@ -191,7 +154,7 @@ impl Pages {
 
     /// The pages that the groups add up to, each by its weight, and those layers that stay.
     fn mixed(self, atlas: &Atlas, settings: &Settings, weights: &[Weight]) -> Lightmap {
-        let Self { pages, layers: mut read, of } = self;
+        let Self { pages, layers: mut read, of, .. } = self;
         let weight = |name: &str| {
             let group = name.strip_prefix(GROUP)?;
             Some(weights.iter().find(|w| w.group == group).map_or(Rgb::ONE, |w| w.by))

@@ -103,14 +103,18 @@ fn has_light(part: &[Rgb]) -> bool {
     part.iter().any(|v| *v != Rgb::ZERO)
 }
 
-/// Standard error of the gathered light, root mean square over mean irradiance (luminance).
+/// Standard error of the gathered light, root mean square over mean irradiance (luminance). Where light was known already it has none.
 fn noise(lit: &Lit, gathered: &Gathered) -> f64 {
-    let (mut squares, mut sum, mut whole) = (0.0, 0.0, 0.0);
-    for ((e, difference), area) in gathered.irradiance.iter().zip(&gathered.difference).zip(&lit.exposure.area) {
+    let (mut squares, mut gathering, mut sum, mut whole) = (0.0, 0.0, 0.0, 0.0);
+    let light = gathered.irradiance.iter().zip(&gathered.difference).zip(&lit.exposure.area);
+    for (i, ((e, difference), area)) in light.enumerate() {
         let area = f64::from(*area);
-        squares += f64::from(luminance(*difference)).powi(2) * area;
+        if !lit.is_known(i) {
+            squares += f64::from(luminance(*difference)).powi(2) * area;
+            gathering += area;
+        }
         sum += f64::from(luminance(*e)) * area;
         whole += area;
     }
-    if sum > 0.0 { (squares / whole).sqrt() / (sum / whole) } else { 0.0 }
+    if sum > 0.0 && gathering > 0.0 { (squares / gathering).sqrt() / (sum / whole) } else { 0.0 }
 }

@@ -56,6 +56,45 @@ impl Settings {
         ])
     }
 
+    /// Refuses what can't be baked beside texels that are kept.
+    fn check_only(&self) -> Result<()> {
+        let has = |kind| self.layers.contains(&kind);
+        refuse_first(&[
+            (
+                self.method != Method::Radiosity || self.gather() != Gather::Blocks,
+                "only",
+                "selected objects are baked by the radiosity of blocks alone; leave out method, solver and gather, or only",
+            ),
+            (self.shard.is_some(), "only", "a bake of selected objects isn't shared out; leave out shard, or only"),
+            (self.relight.is_some(), "only", "other light is found for all objects at once; leave it out"),
+            (
+                self.max_bounces.is_some_and(|bounces| bounces > 0),
+                "max-bounces",
+                "kept pages don't tell how often their light was reflected; leave it out, or only",
+            ),
+            (
+                self.caustics,
+                "caustics",
+                "photons that mirrors and glass send on reach all objects; leave it out, or only",
+            ),
+            (
+                has(LayerKind::Bounces),
+                "layers",
+                "kept pages don't tell how often their light was reflected; leave out bounces, or only",
+            ),
+            (
+                has(LayerKind::LightGroups) && self.quantity == Quantity::Radiosity,
+                "layers",
+                "groups of radiosity hold what surfaces emit, too, which can't be told apart on kept pages; leave out light-groups, or only",
+            ),
+            (
+                self.bake_lights == BakeMode::Indirect,
+                "bake-lights",
+                "pages don't show direct light that kept objects send on; leave it out, or only",
+            ),
+        ])
+    }
+
     /// Refuses values out of range before any work begins.
     ///
     /// # Errors
@@ -102,6 +141,17 @@ impl Settings {
         if self.relight.is_some() {
             self.check_relight()?;
         }
+        if !self.only.is_empty() {
+            self.check_only()?;
+        }
+        refuse_first(&[
+            (self.verify && self.shard.is_some(), "verify", "is for whole bakes; give it to the one that ends them"),
+            (
+                self.verify && self.time_budget.is_some(),
+                "verify",
+                "what is baked in a given time depends on the machine; leave out verify, or time-budget",
+            ),
+        ])?;
         within("time", self.time, -1e9, 1e9)?;
         within("ao-distance", self.ao_distance, 0.0, 1e6)?;
         within("subdivide", Some(self.subdivide), 0, MOST_SUBDIVISION)?;

@@ -73,7 +73,7 @@ impl Rows {
             normal: Vec::new(),
         };
         for texel in 0..width * height {
-            if let Some(i) = patches.at(page, texel).filter(|&i| !lit.exposure.is_buried(i)) {
+            if let Some(i) = patches.at(page, texel).filter(|&i| lit.is_wanted(i)) {
                 rows.place[texel] = rows.patch.len() as u32;
                 rows.patch.push(i as u32);
                 rows.texel.push(texel as u32);

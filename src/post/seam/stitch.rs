@@ -26,6 +26,9 @@ const PULL: f32 = 0.03;
 /// Texels in gutters and inside other geometry have no area that counts; this share of the pull keeps them in bounds.
 const FREE: f32 = 1e-3;
 
+/// The pull on texels whose light is known: they stay, and the other side comes to them.
+const HELD: f32 = 1e4;
+
 /// Rings of texels around seams that may move: `sqrt(STIFFNESS / PULL)` is the distance over which a change fades to 1 / e.
 const RINGS: usize = 8;
 
@@ -109,7 +112,7 @@ impl System {
         let Unknowns { number, texels } = unknowns;
         let charts: Vec<u32> = texels.par_iter().map(|&[p, t]| canvases[p as usize].owner(t as usize)).collect();
         let (links, first_link) = links(canvases, &number, &texels, &charts);
-        let pull = pull(lit, &texels);
+        let pull = pull(lit, &texels, &charts);
         let (uses, first_use) = uses(&rows, texels.len());
         Self { texels, pull, links, first_link, rows, uses, first_use }
     }
@@ -223,8 +226,8 @@ fn links(canvases: &[Canvas], number: &[Vec<u32>], texels: &[[u32; 2]], charts: 
     (links, first)
 }
 
-/// How strongly each unknown is held: by the area that shows it.
-fn pull(lit: &Lit, texels: &[[u32; 2]]) -> Vec<f32> {
+/// How strongly each unknown is held: by the area that shows it; `charts` are those that they belong to.
+fn pull(lit: &Lit, texels: &[[u32; 2]], charts: &[u32]) -> Vec<f32> {
     let patches = lit.ground.patches;
     let area = |&[page, texel]: &[u32; 2]| {
         let patch = patches.at(page as usize, texel as usize).filter(|&i| !lit.exposure.is_buried(i));
@@ -233,7 +236,14 @@ fn pull(lit: &Lit, texels: &[[u32; 2]]) -> Vec<f32> {
     let areas: Vec<f32> = texels.iter().map(area).collect();
     let whole: f64 = areas.iter().map(|a| f64::from(*a)).sum();
     let mean = (whole / areas.iter().filter(|a| **a > 0.0).count().max(1) as f64).max(f64::MIN_POSITIVE);
-    areas.iter().map(|a| PULL * ((f64::from(*a) / mean) as f32).max(FREE)).collect()
+    let is_held = |chart: u32| {
+        lit.known.is_some_and(|known| chart != NONE && known[lit.ground.patches.surface_of_chart(chart) as usize])
+    };
+    let hold = |(area, chart): (&f32, &u32)| match is_held(*chart) {
+        true => HELD,
+        false => PULL * ((f64::from(*area) / mean) as f32).max(FREE),
+    };
+    areas.iter().zip(charts).map(hold).collect()
 }
 
 /// Where each unknown stands in the rows.
