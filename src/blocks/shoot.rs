@@ -397,7 +397,6 @@ impl Draw<'_> {
             normal: -ground.patches.normal[i],
             radius: footprint.radius(position),
             sequence: Sequence::new(self.seed, Stage::Back, i as u64),
-            apart: Sequence::new(self.seed, Stage::Back, i as u64),
         };
         let params = DirectParams { shading_normals: false, first_samples: 1, ..params.clone() };
         glimpse(ground.scene, ground.tracer, lights, &receiver, &params)

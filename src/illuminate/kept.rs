@@ -89,7 +89,7 @@ impl Memory for Lamps<'_> {
         &self,
         unit: &[Shining],
         wanted: &dyn Fn(&KeptLight) -> bool,
-        make: &dyn Fn() -> Result<KeptLight>,
+        make: &mut dyn FnMut() -> Result<KeptLight>,
     ) -> Result<KeptLight> {
         self.work.once_in_all(DIRECT, |hasher| self.add(unit, hasher), wanted, make, self.progress)
     }

@@ -5,7 +5,7 @@
 //! none.
 
 use super::direct::Direct;
-use super::units::{Beside, Memory, direct_of};
+use super::units::{Memory, direct_of};
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::Rgb;
@@ -119,27 +119,22 @@ pub fn direct_apart(
     memory: &dyn Memory,
     progress: &dyn Progress,
 ) -> Result<Apart> {
-    let units = if parts.is_empty() { 1 } else { parts.len() };
-    progress.begin("direct", (units * lit.ground.patches.len()) as u64);
+    let count = lit.ground.patches.len();
+    let scene = lit.ground.scene;
     if parts.is_empty() {
-        let scene = lit.ground.scene;
         let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
         let shining: Vec<Shining> = all_shining(scene).filter(takes_part).collect();
-        return Ok(Apart {
-            whole: direct_of(lit, &shining, &mut Beside::default(), memory, progress)?,
-            left_out: None,
-            each: Vec::new(),
-        });
+        let mut whole = None;
+        direct_of(lit, &[&shining], memory, progress, &mut |_, found| whole = Some(found))?;
+        return Ok(Apart { whole: whole.unwrap_or_else(|| Direct::dark(count)), left_out: None, each: Vec::new() });
     }
-    let count = lit.ground.patches.len();
-    let mut beside = Beside::default();
     let (mut transport, mut shown) = (vec![Rgb::ZERO; count], vec![Rgb::ZERO; count]);
     let mut left_out = None;
     let (mut inflow, mut rays, mut each) = (DVec3::ZERO, 0, Vec::new());
-    for part in parts {
-        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, &mut beside, memory, progress)?;
+    let all: Vec<&[Shining]> = parts.iter().map(|part| &part.shining[..]).collect();
+    direct_of(lit, &all, memory, progress, &mut |k, found| {
         add(&mut transport, |i| found.transport[i]);
-        let slot = match part.mode {
+        let slot = match parts[k].mode {
             BakeMode::Indirect => left_out.get_or_insert_with(|| vec![Rgb::ZERO; count]),
             BakeMode::Baked | BakeMode::Dynamic => &mut shown,
         };
@@ -148,7 +143,7 @@ pub fn direct_apart(
         if keep {
             each.push(found);
         }
-    }
+    })?;
     let transport = Arc::new(transport);
     let shown = Sparse::new(Arc::clone(&transport), shown.into_iter());
     Ok(Apart { whole: Direct { shown, transport, inflow, rays }, left_out, each })

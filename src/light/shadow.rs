@@ -233,7 +233,7 @@ fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: Range<u3
         if index >= samples.end && volley.shots.len() > before {
             break;
         }
-        let (point, u) = site.draw(index, set);
+        let (point, u) = site.draw(index, set, sight.params.unit);
         if let Some(shot) = emitter.shot(sight, &point, u) {
             volley.push(shot);
         }
@@ -244,7 +244,7 @@ fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: Range<u3
 pub(super) fn glance(
     sight: &Sight,
     emitters: &[Emitter],
-    sites: &[Site],
+    sites: &[&Site],
     volley: &mut Volley,
 ) -> Vec<(Arriving, Ballot)> {
     let mut all = vec![(Arriving::default(), Ballot::default()); sites.len()];
