@@ -6,12 +6,12 @@
 //! by itself: no light is made or lost between them.
 
 use super::SHARE;
+use super::backs::BackLamps;
 use super::block::{Block, Blocks};
 use super::field::Field;
 use super::kept::{Kept, OldBlocks};
 use super::link::Sight;
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
-use super::sweep::BackLight;
 use super::{BlockParams, Seen, kept};
 use crate::Result;
 use crate::color::Rgb;
@@ -146,6 +146,7 @@ pub fn look_again(
     direct: &Direct,
     params: &BlockParams,
     before: (&Kept, &Change),
+    lamps: BackLamps,
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Option<Seen>> {
@@ -177,7 +178,7 @@ pub fn look_again(
         .collect();
     let dropped = drop_touched(lit, &blocks, change, &mut sampled);
     let fronts = blocks.fronts();
-    let mut field = Field::with(lit, direct, params, blocks, sampled, irradiance, work);
+    let mut field = Field::with(lit, direct, params, blocks, (sampled, irradiance), lamps, work);
     let back_patches: Vec<u32> = kept.back_patches.iter().copied().filter(|&i| field.has_back(i)).collect();
     field.light_backs(&back_patches, progress)?;
     let seen = sample_touched(&mut field, &same, &counts, &dropped, change, progress)?;
@@ -186,8 +187,7 @@ pub fn look_again(
     field.light_back_blocks(&known, progress)?;
     field.find_base();
     let kept = kept::keep(&field, kept.gain, &normal);
-    let on_backs: BackLight = field.into_on_backs();
-    Ok(Some(Seen::joined(kept, Some(on_backs))))
+    Ok(Some(Seen { kept, lamps: field.into_lamps() }))
 }
 
 fn is_there(blocks: &Blocks, (patch, back): (usize, bool)) -> bool {
@@ -224,7 +224,7 @@ fn drop_touched(lit: &Lit, blocks: &Blocks, change: &Change, sampled: &mut [Samp
     let drop = |(b, found): (usize, &mut Sampled)| {
         let block = &blocks.list[b];
         let towards = Towards::new(block, &change.boxes);
-        if !towards.is_above(block) && found.halves.iter().all(|half| half.links.iter().all(|l| is_kept(l.target()))) {
+        if !towards.is_above(block) && found.halves.iter().all(|half| half.links.targets().all(is_kept)) {
             return [0.0; 2];
         }
         found.halves.each_mut().map(|half| {
@@ -270,8 +270,8 @@ fn sample_touched(
                 found.close();
             }
         }
-        let new = found.halves.iter().zip(from).flat_map(|(half, from)| &half.links[from..]);
-        new.map(|link| link.target()).filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect()
+        let new = found.halves.iter().zip(from).flat_map(|(half, from)| half.links.targets().skip(from));
+        new.filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect()
     };
     let seen: Result<Vec<Vec<u32>>> = sampled
         .par_iter_mut()

@@ -6,7 +6,7 @@
 //! many rays as its share needs. What comes out of it may differ from the next patch again, so edges are followed.
 
 use super::close::Close;
-use super::emitter::Sight;
+use super::emitter::{Emitter, Sight};
 use super::first_look::{FirstLook, Looking, first_looks};
 use super::receiver::Site;
 use super::shadow::{Look, Volley, examine};
@@ -16,7 +16,7 @@ use super::touched::Kept;
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
-use crate::patch::Sparse;
+use crate::patch::{Footprint, Sparse};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -156,31 +156,42 @@ pub fn arrive(scene: &Scene, tracer: &Tracer, lights: &Lights, receiver: &Receiv
     look_at(&sight, receiver, u32::MAX)
 }
 
-/// The same by the first shadow rays alone: noisy in penumbrae, for receivers that are only seen among many others.
+/// What arrives at `receiver`, of which the `footprint` is known, from each of several lots of lamps, by the first shadow rays alone: noisy in
+/// penumbrae, for receivers that are only seen among many others.
 pub fn glimpse(
     scene: &Scene,
     tracer: &Tracer,
-    lights: &Lights,
+    lamps: &[(&Lights, &DirectParams)],
     receiver: &Receiver,
-    params: &DirectParams,
-) -> Arriving {
-    let sight = Sight { scene, tracer, lights, params };
-    look_at(&sight, receiver, 0)
+    footprint: &Footprint,
+) -> Vec<Arriving> {
+    let sight = |&(lights, params): &(_, _)| -> Sight { Sight { scene, tracer, lights, params } };
+    let emitters = |sight: &Sight| sight.emitters(receiver.position, receiver.normal, receiver.radius);
+    let all: Vec<(Sight, Vec<Emitter>)> = lamps.iter().map(sight).map(|sight| (sight, emitters(&sight))).collect();
+    let nearest = all.iter().map(|(sight, emitters)| sight.nearest(emitters, receiver.position));
+    let site = Site::new(receiver, nearest.fold(f32::INFINITY, f32::min), Some(footprint));
+    let mut volley = Volley::default();
+    all.iter().map(|(sight, emitters)| look_from(sight, emitters, &site, 0, &mut volley)).collect()
 }
 
 /// What arrives at `receiver`; the lights whose bits are set in `closely` are looked at closely.
 fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
     let site = Site::new(receiver, 0.0, None);
+    look_from(sight, &emitters, &site, closely, &mut Volley::default())
+}
+
+/// The same at a `site`, from its `emitters`.
+fn look_from(sight: &Sight, emitters: &[Emitter], site: &Site, closely: u32, volley: &mut Volley) -> Arriving {
     // Of the light around nothing is known.
     let error = sight.params.shadow_error;
     let look = Look { closely, around: 0.0, error, most_samples: MOST_ARRIVING, evenly: false };
-    let mut sum = examine(sight, &emitters, &site, look, &mut Volley::default()).arriving;
+    let mut sum = examine(sight, emitters, site, look, volley).arriving;
     let sky = match closely {
         0 => SkyLook::FIRST,
         _ => SkyLook { closely: true, around: luminance(sum.transport), error, most_samples: MOST_ARRIVING },
     };
-    let sky = skylight::look(sight, receiver, sky).arriving;
+    let sky = skylight::look(sight, site.receiver, sky).arriving;
     sum.transport += sky.transport;
     sum.shown += sky.shown;
     sum.other += sky.other;

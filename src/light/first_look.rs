@@ -19,7 +19,10 @@ use std::ops::Range;
 const SKY_PATCHES: usize = 16;
 
 /// Bytes that first looks may hold, for each patch.
-pub(super) const MOST_HELD: usize = 256;
+pub(super) const MOST_HELD: usize = 288;
+
+/// Blocks that are looked at before what was seen is put away.
+const BATCH: usize = 2048;
 
 /// What a first look at one patch takes [bytes].
 pub(super) const EACH: usize = size_of::<Glanced>();
@@ -40,28 +43,48 @@ pub(super) struct Looking<'a> {
 /// What a first look at one unit found.
 #[derive(Default)]
 pub(super) struct FirstLook {
-    /// By block and patch; empty where nothing was looked at.
+    /// By patch, where it was at all of them.
+    arriving: Vec<Arriving>,
+    ballots: Vec<Ballot>,
+    /// By block and patch, where it was at some: empty where it wasn't.
     found: Vec<Vec<Glanced>>,
     /// The mean over each block of what arrives from lamps, and by brightness samples from the sky [lx].
     pub means: Vec<[Rgb; 2]>,
 }
 
 impl FirstLook {
+    /// Of a `unit`, at so many patches.
+    fn of(unit: &Looking, patches: usize) -> Self {
+        let room = if unit.is_held && unit.kept.is_none() { patches } else { 0 };
+        Self { arriving: Vec::with_capacity(room), ballots: Vec::with_capacity(room), ..Self::default() }
+    }
+
+    /// Adds what was `found` at the next block.
+    fn add(&mut self, unit: &Looking, found: Vec<Glanced>, mean: [Rgb; 2]) {
+        self.means.push(mean);
+        match unit.kept {
+            Some(_) => self.found.push(found),
+            None => {
+                self.arriving.extend(found.iter().map(|glanced| glanced.0));
+                self.ballots.extend(found.iter().map(|glanced| glanced.1));
+            }
+        }
+    }
+
     /// What arrives at each patch, and what it saw: from before the change where nothing was looked at.
-    pub fn on_patches(self, blocks: &[Range<usize>], kept: Option<&Kept>) -> (Vec<Arriving>, Vec<Ballot>) {
-        let count = blocks.last().map_or(0, |last| last.end);
-        let (mut arriving, mut ballots) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    pub fn on_patches(mut self, blocks: &[Range<usize>], kept: Option<&Kept>) -> (Vec<Arriving>, Vec<Ballot>) {
+        let Some(kept) = kept else { return (self.arriving, self.ballots) };
         for (found, block) in self.found.into_iter().zip(blocks) {
             if found.is_empty() {
-                arriving.extend(block.clone().map(|i| kept.map_or_else(Arriving::default, |kept| kept.arriving(i))));
+                self.arriving.extend(block.clone().map(|i| kept.arriving(i)));
             }
             for (arrived, ballot) in found {
-                arriving.push(arrived);
-                ballots.push(ballot);
+                self.arriving.push(arrived);
+                self.ballots.push(ballot);
             }
-            ballots.resize(arriving.len(), Ballot::default());
+            self.ballots.resize(self.arriving.len(), Ballot::default());
         }
-        (arriving, ballots)
+        (self.arriving, self.ballots)
     }
 }
 
@@ -75,18 +98,26 @@ pub(super) fn first_looks(
     blocks: &[Range<usize>],
     progress: &dyn Progress,
 ) -> Result<Vec<FirstLook>> {
+    if units.is_empty() {
+        return Ok(Vec::new());
+    }
     let of_block = |(b, block): (usize, &Range<usize>)| {
         progress.check()?;
         progress.advance((units.len() * block.len()) as u64);
         Ok(look_from(lit, units, b, block))
     };
-    let by_block: Vec<Vec<(Vec<Glanced>, [Rgb; 2])>> =
-        blocks.par_iter().enumerate().with_max_len(SHARE).map(of_block).collect::<Result<_>>()?;
-    let mut looks: Vec<FirstLook> = units.iter().map(|_| FirstLook::default()).collect();
-    for of_units in by_block {
-        for (look, (found, mean)) in looks.iter_mut().zip(of_units) {
-            look.found.push(found);
-            look.means.push(mean);
+    let mut looks: Vec<FirstLook> = units.iter().map(|unit| FirstLook::of(unit, lit.ground.patches.len())).collect();
+    for (first, batch) in (0..).step_by(BATCH).zip(blocks.chunks(BATCH)) {
+        let of_batch: Vec<Vec<(Vec<Glanced>, [Rgb; 2])>> = batch
+            .par_iter()
+            .enumerate()
+            .with_max_len(SHARE)
+            .map(|(b, block)| of_block((first + b, block)))
+            .collect::<Result<_>>()?;
+        for of_units in of_batch {
+            for ((look, unit), (found, mean)) in looks.iter_mut().zip(units).zip(of_units) {
+                look.add(unit, found, mean);
+            }
         }
     }
     Ok(looks)

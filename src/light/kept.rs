@@ -44,7 +44,7 @@ struct Values {
 }
 
 /// `value` over `strength`, by channel; nothing where there is no strength.
-fn over(value: Rgb, strength: Rgb) -> Rgb {
+pub fn over(value: Rgb, strength: Rgb) -> Rgb {
     let channel = |k: usize| if strength[k] > 0.0 { value[k] / strength[k] } else { 0.0 };
     Rgb::from_array(std::array::from_fn(channel))
 }

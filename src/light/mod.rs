@@ -23,7 +23,7 @@ mod sharp_sky;
 pub mod sky;
 mod skylight;
 pub mod terminator;
-mod touched;
+pub mod touched;
 pub mod tree;
 pub mod units;
 

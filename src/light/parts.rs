@@ -5,7 +5,7 @@
 //! none.
 
 use super::direct::Direct;
-use super::units::{Memory, direct_of};
+use super::units::{Memory, direct_of, units};
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::Rgb;
@@ -67,6 +67,20 @@ pub fn parts(scene: &Scene, by_group: bool) -> Vec<Part> {
     keys.into_iter().filter(|key| key.2 != BakeMode::Dynamic).filter_map(part).collect()
 }
 
+/// What shines in each of `parts`, or in all of `scene` where there are none.
+fn of_parts(scene: &Scene, parts: &[Part]) -> Vec<Vec<Shining>> {
+    if parts.is_empty() {
+        let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
+        return vec![all_shining(scene).filter(takes_part).collect()];
+    }
+    parts.iter().map(|part| part.shining.clone()).collect()
+}
+
+/// All lamps of `parts` of the light of `scene`, cut into those whose direct light is found on its own.
+pub fn all_units(scene: &Scene, parts: &[Part]) -> Vec<Vec<Shining>> {
+    of_parts(scene, parts).iter().flat_map(|shining| units(shining)).collect()
+}
+
 /// Everything that shines in `scene`.
 fn all_shining(scene: &Scene) -> impl Iterator<Item = Shining> {
     let glowing = (0..scene.materials.len()).filter(|&m| scene.materials[m].is_emissive()).map(Shining::Material);
@@ -120,18 +134,15 @@ pub fn direct_apart(
     progress: &dyn Progress,
 ) -> Result<Apart> {
     let count = lit.ground.patches.len();
-    let scene = lit.ground.scene;
+    let all = of_parts(lit.ground.scene, parts);
     if parts.is_empty() {
-        let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
-        let shining: Vec<Shining> = all_shining(scene).filter(takes_part).collect();
         let mut whole = None;
-        direct_of(lit, &[&shining], memory, progress, &mut |_, found| whole = Some(found))?;
+        direct_of(lit, &all, memory, progress, &mut |_, found| whole = Some(found))?;
         return Ok(Apart { whole: whole.unwrap_or_else(|| Direct::dark(count)), left_out: None, each: Vec::new() });
     }
     let (mut transport, mut shown) = (vec![Rgb::ZERO; count], vec![Rgb::ZERO; count]);
     let mut left_out = None;
     let (mut inflow, mut rays, mut each) = (DVec3::ZERO, 0, Vec::new());
-    let all: Vec<&[Shining]> = parts.iter().map(|part| &part.shining[..]).collect();
     direct_of(lit, &all, memory, progress, &mut |k, found| {
         add(&mut transport, |i| found.transport[i]);
         let slot = match parts[k].mode {

@@ -24,6 +24,8 @@ pub struct Arriving {
     pub transport: Rgb,
     /// The part of `transport` from lights that are no surface.
     pub other: Rgb,
+    /// About what would arrive with nothing in its way (luminance); infinite where that isn't known, and 0 where it wasn't asked for.
+    pub whole: f32,
     pub rays: u64,
 }
 

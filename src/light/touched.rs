@@ -12,9 +12,6 @@ use std::ops::Range;
 /// Polygons that are looked at one by one; of more, all that they reach is taken together.
 const MOST_POLYGONS: usize = 64;
 
-/// Slivers of texels are taken to cover this share of them at least.
-const LEAST_COVERAGE: f32 = 1e-3;
-
 /// Shares that are as good as none and all.
 const CLEAR: f64 = 0.01;
 
@@ -27,6 +24,27 @@ enum Lamp {
     Far { towards: Vec3, spread: f32 },
 }
 
+/// The ways between lamps and what has changed, or did before.
+pub struct Shafts {
+    lamps: Vec<Lamp>,
+    boxes: Vec<[Vec3; 2]>,
+    surfaces: Vec<bool>,
+}
+
+impl Shafts {
+    /// Between `lights` and what `change` says; `None` where they go everywhere.
+    pub fn new(lights: &Lights, change: &Change) -> Option<Self> {
+        let lamps = lamps(lights)?;
+        Some(Self { lamps, boxes: change.boxes.clone(), surfaces: change.surfaces.clone() })
+    }
+
+    /// True where they meet a box `around` a part of surface number `surface`, or that has changed itself.
+    pub fn meet(&self, surface: u32, around: &[Vec3; 2]) -> bool {
+        self.surfaces.get(surface as usize).is_none_or(|changed| *changed)
+            || self.lamps.iter().any(|lamp| self.boxes.iter().any(|bounds| lamp.is_behind(bounds, around)))
+    }
+}
+
 /// Whether a change can touch the light of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Touch {
@@ -36,71 +54,69 @@ pub(super) enum Touch {
     Whole,
 }
 
-/// Direct light that was found before a change, and where it is to be found anew.
-pub(super) struct Kept<'a> {
-    old: &'a Direct,
-    /// The mean over each block of what arrived at a first look [lx].
-    pub means: &'a [Rgb],
+/// What of the direct light of some lamps a change can touch.
+pub(super) struct Extent {
     /// All of it is from lights that are no surface.
     is_other: bool,
     touched: Vec<Touch>,
 }
 
-impl<'a> Kept<'a> {
-    /// Of `old`, which the lights of `lit` sent, with the `means` of `blocks` of patches; `None` where the change may touch all of it.
-    pub fn new(lit: &Lit, old: &'a Direct, means: &'a [Rgb], change: &Change, blocks: &[Range<usize>]) -> Option<Self> {
+impl Extent {
+    /// Of the light `old`, which the lights of `lit` sent to `blocks` of patches before `change`; `None` where that may touch all of it.
+    pub fn new(lit: &Lit, old: &Direct, change: &Change, blocks: &[Range<usize>]) -> Option<Self> {
         let lamps = lamps(lit.lights)?;
         let area = |i: usize| if lit.ground.casts(i) { lit.exposure.taking_area(i) } else { DVec3::ZERO };
         let all: DVec3 = old.transport.iter().enumerate().map(|(i, e): (usize, &Rgb)| e.as_dvec3() * area(i)).sum();
         let share = old.inflow.element_sum() / all.element_sum().max(f64::MIN_POSITIVE);
         let is_clear = !(CLEAR..=1.0 - CLEAR).contains(&share);
-        is_clear.then(|| Self {
-            old,
-            means,
-            is_other: share > 0.5,
-            touched: with_those_beside(lit, touched(lit, &lamps, change, blocks)),
-        })
+        let touched = || with_those_beside(lit, touched(lit, &lamps, change, blocks));
+        is_clear.then(|| Self { is_other: share > 0.5, touched: touched() })
     }
+}
 
+/// Direct light that was found before a change, and where it is to be found anew.
+pub(super) struct Kept<'a> {
+    pub old: &'a Direct,
+    /// The mean over each block of what arrived at a first look [lx].
+    pub means: &'a [Rgb],
+    pub extent: &'a Extent,
+}
+
+impl Kept<'_> {
     /// What arrived at patch `i`.
     pub fn arriving(&self, i: usize) -> Arriving {
         let transport = self.old.transport[i];
-        let other = if self.is_other { transport } else { Rgb::ZERO };
-        Arriving { transport, shown: self.old.shown[i], other, rays: 0 }
+        let other = if self.extent.is_other { transport } else { Rgb::ZERO };
+        Arriving { transport, shown: self.old.shown[i], other, ..Arriving::default() }
     }
 
     /// The same, but for patches whose light the change can touch: nothing.
     pub fn outside(&self, i: usize) -> Arriving {
-        if self.touched[i] == Touch::Whole { Arriving::default() } else { self.arriving(i) }
+        if self.extent.touched[i] == Touch::Whole { Arriving::default() } else { self.arriving(i) }
     }
 
     /// Whether the change can touch the light of each patch.
     pub fn touched(&self) -> &[Touch] {
-        &self.touched
+        &self.extent.touched
     }
 }
 
 /// The patches whose light a `change` can touch that comes from `lamps`.
 fn touched(lit: &Lit, lamps: &[Lamp], change: &Change, blocks: &[Range<usize>]) -> Vec<Touch> {
     let patches = lit.ground.patches;
-    // A patch reaches beyond its middle by a texel's diagonal at most.
-    let around = |i: usize| {
-        let reach = (2.0 * patches.area[i] / patches.coverage[i].clamp(LEAST_COVERAGE, 1.0)).sqrt();
-        [patches.position[i] - reach, patches.position[i] + reach]
-    };
     let of_block = |block: &Range<usize>| -> Vec<Touch> {
         if change.surfaces[patches.surface(block.start) as usize] {
             return vec![Touch::Whole; block.len()];
         }
         let [low, high] = block
             .clone()
-            .map(around)
+            .map(|i| patches.around(i))
             .fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |sum, own| [sum[0].min(own[0]), sum[1].max(own[1])]);
         let pairs = lamps.iter().flat_map(|lamp| change.boxes.iter().map(move |bounds| (lamp, bounds)));
         let near: Vec<(&Lamp, &[Vec3; 2])> =
             pairs.filter(|(lamp, bounds)| lamp.is_behind(bounds, &[low, high])).collect();
         let of_patch = |i: usize| {
-            let around = around(i);
+            let around = patches.around(i);
             let is_touched = near.iter().any(|(lamp, bounds)| lamp.is_behind(bounds, &around));
             if is_touched { Touch::Whole } else { Touch::None }
         };
@@ -234,7 +250,7 @@ mod tests {
             (state >> 8) as f32 / (1 << 24) as f32
         };
         let (mut met, mut taken) = (0, 0);
-        for _ in 0..500 {
+        for _ in 0..2000 {
             let mut point = || Vec3::new(random(), random(), random());
             let mut small = || {
                 let low = 4.0 * point();
@@ -242,7 +258,7 @@ mod tests {
             };
             let [from, to, bounds] = [small(), small(), small()];
             let on = |[low, high]: [Vec3; 2], u: Vec3| low + (high - low) * u;
-            let is_met = (0..500).any(|_| {
+            let is_met = (0..200).any(|_| {
                 let (a, b) = (on(from, point()), on(to, point()));
                 let inverse = (b - a).recip();
                 let (p, q) = ((bounds[0] - a) * inverse, (bounds[1] - a) * inverse);

@@ -1,15 +1,15 @@
 //! Direct light lamp by lamp, so that one of them may change and the others stay.
 //!
-//! Errors in a lamp's shadows are held against all light around: by itself, a weak lamp would cost as much as the sun beside it. So all lamps
-//! get a first look, and each then a close one, in the light of all. What was found of a lamp remembers how much light there was beside it,
-//! and is found anew where there is far less now.
+//! Errors in a lamp's shadows are held against the light around: by itself, a weak lamp would cost as much as the sun beside it. So all lamps
+//! get a first look, and each then a close one, beside all that are brighter. What was found of a lamp remembers how much light there was
+//! beside it, and is found anew where there is far less now.
 //!
 //! Processes that share the work all have the first look; then one finds a lamp's light, and the others wait and read it.
 
 use super::direct::{BLOCK_LEVEL, Direct, DirectParams, look_closely};
 use super::first_look::{EACH, FirstLook, Looking, MOST_HELD, first_looks};
 use super::kept::{KeptLight, means_over};
-use super::touched::Kept;
+use super::touched::{Extent, Kept};
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::{Rgb, luminance};
@@ -20,8 +20,8 @@ use std::ops::Range;
 /// Lamps whose direct light is found on its own, at most, but for the sky: of more, several are taken together.
 const MOST_UNITS: usize = 24;
 
-/// Light is found anew where the share of other light beside it has fallen below this share of what it was.
-const LESS: f64 = 0.5;
+/// Light is found anew where all light around it, over its own, has fallen below this share of what it was.
+const LESS: f64 = 0.3;
 
 /// Remembers the direct light of units of lamps.
 pub trait Memory {
@@ -51,7 +51,7 @@ pub trait Memory {
 }
 
 /// `shining` cut into units: one a lamp, several where there are very many; the sky as a whole.
-fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
+pub(super) fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
     let (skies, others): (Vec<Shining>, Vec<Shining>) = shining.iter().partition(|s| matches!(s, Shining::Sky(_)));
     let size = others.len().div_ceil(MOST_UNITS).max(1);
     others.chunks(size).map(<[Shining]>::to_vec).chain((!skies.is_empty()).then_some(skies)).collect()
@@ -61,7 +61,7 @@ fn units(shining: &[Shining]) -> Vec<Vec<Shining>> {
 struct Unit {
     part: usize,
     shining: Vec<Shining>,
-    /// From 0.
+    /// From 0 in each part.
     number: u32,
     strength: Rgb,
     kept: Option<KeptLight>,
@@ -75,13 +75,9 @@ struct Fresh<'a> {
     params: DirectParams,
     /// Its light before a change, with the means over blocks, and how much other light there was.
     before: Option<(Direct, Vec<Rgb>, f64, &'a Change)>,
+    /// What of that the change can touch; none: all.
+    extent: Option<Extent>,
     look: Option<FirstLook>,
-}
-
-/// The mean light of all units around each block [lx] (luminance): from lamps, and from the sky.
-struct Around {
-    lamps: Vec<f32>,
-    sky: Vec<f32>,
 }
 
 /// The direct light of `parts` of what shines, each in turn: `take` is given its number and its light.
@@ -90,32 +86,40 @@ struct Around {
 /// Those of `memory`; `Cancelled`.
 pub fn direct_of(
     lit: &Lit,
-    parts: &[&[Shining]],
+    parts: &[Vec<Shining>],
     memory: &dyn Memory,
     progress: &dyn Progress,
     take: &mut dyn FnMut(usize, Direct),
 ) -> Result<()> {
+    let parts: Vec<Vec<Vec<Shining>>> = parts.iter().map(|shining| units(shining)).collect();
+    let (count, looks) = (parts.len(), parts.iter().map(Vec::len).sum::<usize>());
+    progress.begin("direct", (looks * lit.ground.patches.len()) as u64);
     let blocks = lit.ground.blocks(BLOCK_LEVEL);
     let area = |block: &Range<usize>| block.clone().map(|i| f64::from(lit.exposure.area[i])).sum();
     let areas: Vec<f64> = blocks.iter().map(area).collect();
     let mut all: Vec<Unit> = Vec::new();
-    for (part, shining) in parts.iter().enumerate() {
-        for shining in units(shining) {
-            let (number, strength) = (all.len() as u32, memory.strength(&shining));
+    for (part, units) in parts.into_iter().enumerate() {
+        for (shining, number) in units.into_iter().zip(0..) {
+            let strength = memory.strength(&shining);
             let kept = memory.recall(&shining)?.filter(|kept| kept.means.len() == blocks.len());
             let means = kept.as_ref().map_or_else(Vec::new, |kept| kept.means.clone());
             all.push(Unit { part, shining, number, strength, kept, means });
         }
     }
     let mut fresh = look_at_fresh(lit, &mut all, &blocks, memory, progress)?;
-    let around = Around::new(&all, blocks.len());
     let fluxes: Vec<f64> = all.iter().map(|unit| unit.flux(&areas)).collect();
-    let mut sums: Vec<Option<Direct>> = parts.iter().map(|_| None).collect();
+    let mut sums: Vec<Option<Direct>> = (0..count).map(|_| None).collect();
     let mut fresh = fresh.iter_mut();
     for (k, unit) in all.iter().enumerate() {
-        let beside: f64 = fluxes.iter().enumerate().filter(|(other, _)| *other != k).map(|(_, flux)| flux).sum();
-        let looking =
-            Close { lit, blocks: &blocks, around: &around, ratio: beside / fluxes[k].max(f64::MIN_POSITIVE), unit };
+        let is_before = |other: usize| fluxes[other].total_cmp(&fluxes[k]).then(k.cmp(&other)).is_gt();
+        let brighter: Vec<usize> = (0..all.len()).filter(|&other| is_before(other)).collect();
+        let beside: f64 = brighter.iter().map(|&other| fluxes[other]).sum();
+        let own = fluxes[k].max(f64::MIN_POSITIVE);
+        let others =
+            fluxes.iter().enumerate().filter(|(other, _)| *other != k).map(|(_, flux)| flux).sum::<f64>() / own;
+        let ratio = beside / own;
+        let brighter = brighter.iter().map(|&other| &all[other]).collect();
+        let looking = Close { lit, blocks: &blocks, brighter, ratio, others, unit };
         let own = if unit.kept.is_none() { fresh.next() } else { None };
         let found = looking.find(own, memory, progress)?;
         let sum = &mut sums[unit.part];
@@ -142,12 +146,11 @@ fn look_at_fresh<'a>(
 ) -> Result<Vec<Fresh<'a>>> {
     let mut fresh = Vec::new();
     for unit in all.iter().filter(|unit| unit.kept.is_none()) {
-        fresh.push(unit.fresh(lit, blocks.len(), memory)?);
+        fresh.push(unit.fresh(lit, blocks, memory)?);
     }
-    progress.begin("direct", (fresh.len() * lit.ground.patches.len()) as u64);
     let (looks, is_held) = {
         let lits: Vec<Lit> = fresh.iter().map(|fresh| fresh.lit(lit)).collect();
-        let kept: Vec<Option<Kept>> = fresh.iter().zip(&lits).map(|(fresh, lit)| fresh.kept(lit, blocks)).collect();
+        let kept: Vec<Option<Kept>> = fresh.iter().map(Fresh::kept).collect();
         let mut held = 0;
         let mut is_held = Vec::new();
         for kept in &kept {
@@ -179,20 +182,25 @@ impl Unit {
     }
 
     /// What it takes to look at it.
-    fn fresh<'a>(&self, lit: &Lit, blocks: usize, memory: &'a dyn Memory) -> Result<Fresh<'a>> {
-        let before = memory.recall_before(&self.shining)?.filter(|(kept, _)| kept.means.len() == blocks);
+    fn fresh<'a>(&self, lit: &Lit, blocks: &[Range<usize>], memory: &'a dyn Memory) -> Result<Fresh<'a>> {
+        let before = memory.recall_before(&self.shining)?.filter(|(kept, _)| kept.means.len() == blocks.len());
         let patches = lit.ground.patches.len();
         let before = before.and_then(|(kept, change)| {
             let means = kept.means.iter().map(|mean| *mean * self.strength).collect();
             Some((kept.light(self.strength, patches)?, means, kept.beside, change))
         });
-        Ok(Fresh {
+        let mut fresh = Fresh {
             lights: Lights::of(lit.ground.scene, |shining| self.shining.contains(&shining)),
             // Points of its own: errors of lamps that shared them would add up.
             params: DirectParams { unit: self.number, ..lit.params.clone() },
             before,
+            extent: None,
             look: None,
-        })
+        };
+        let extent =
+            |(old, _, _, change): &(Direct, Vec<Rgb>, f64, &Change)| Extent::new(&fresh.lit(lit), old, change, blocks);
+        fresh.extent = fresh.before.as_ref().and_then(extent);
+        Ok(fresh)
     }
 }
 
@@ -201,9 +209,9 @@ impl Fresh<'_> {
         Lit { lights: &self.lights, params: &self.params, ..*lit }
     }
 
-    fn kept(&self, lit: &Lit, blocks: &[Range<usize>]) -> Option<Kept<'_>> {
-        let (old, means, _, change) = self.before.as_ref()?;
-        Kept::new(lit, old, means, change, blocks)
+    fn kept(&self) -> Option<Kept<'_>> {
+        let (old, means, ..) = self.before.as_ref()?;
+        Some(Kept { old, means, extent: self.extent.as_ref()? })
     }
 }
 
@@ -211,9 +219,11 @@ impl Fresh<'_> {
 struct Close<'a> {
     lit: &'a Lit<'a>,
     blocks: &'a [Range<usize>],
-    around: &'a Around,
-    /// How many times as much other light there is.
+    /// The units that are brighter, and how many times as much light they send.
+    brighter: Vec<&'a Unit>,
     ratio: f64,
+    /// The same of all other units.
+    others: f64,
     unit: &'a Unit,
 }
 
@@ -227,7 +237,7 @@ impl Close<'_> {
     ) -> Result<Direct> {
         let Unit { shining, strength, means, .. } = self.unit;
         let patches = self.lit.ground.patches.len();
-        let is_close = |kept: &KeptLight| LESS * kept.beside <= self.ratio.max(LESS);
+        let is_close = |kept: &KeptLight| self.is_close(kept.beside);
         if let Some(light) =
             self.unit.kept.as_ref().filter(|kept| is_close(kept)).and_then(|k| k.light(*strength, patches))
         {
@@ -236,7 +246,7 @@ impl Close<'_> {
         let mut own = None;
         let fresh = match fresh {
             Some(fresh) => fresh,
-            None => own.insert(self.unit.fresh(self.lit, self.blocks.len(), memory)?),
+            None => own.insert(self.unit.fresh(self.lit, self.blocks, memory)?),
         };
         let mut make = || Ok(KeptLight::new(&self.look(fresh, progress)?, *strength, means.clone(), self.ratio));
         let kept = memory.once(shining, &is_close, &mut make)?;
@@ -246,14 +256,18 @@ impl Close<'_> {
         }
     }
 
+    /// True where what was found with `beside` times as much other light around is close enough now.
+    fn is_close(&self, beside: f64) -> bool {
+        LESS * (1.0 + beside) <= 1.0 + self.others
+    }
+
     fn look(&self, fresh: &mut Fresh, progress: &dyn Progress) -> Result<Direct> {
         let look = fresh.look.take();
         let fresh = &*fresh;
         let lit = fresh.lit(self.lit);
-        let is_close = |beside: f64| LESS * beside <= self.ratio.max(LESS);
-        let mut kept = fresh.kept(&lit, self.blocks);
+        let mut kept = fresh.kept();
         let mut look = look;
-        if fresh.before.as_ref().is_some_and(|(.., beside, _)| !is_close(*beside)) {
+        if fresh.before.as_ref().is_some_and(|(.., beside, _)| !self.is_close(*beside)) {
             (kept, look) = (None, None);
         }
         let first = match look {
@@ -263,24 +277,20 @@ impl Close<'_> {
                 first_looks(self.lit, &looking, self.blocks, progress)?.pop().unwrap_or_default()
             }
         };
-        let around = if self.unit.is_sky() { self.around.lamps.clone() } else { self.around.all() };
+        let around = self.around();
         look_closely(&lit, self.lit.lights, self.blocks, &around, first, kept.as_ref(), progress)
     }
-}
 
-impl Around {
-    fn new(all: &[Unit], blocks: usize) -> Self {
-        let mut around = Self { lamps: vec![0.0; blocks], sky: vec![0.0; blocks] };
-        for unit in all {
-            let sum = if unit.is_sky() { &mut around.sky } else { &mut around.lamps };
+    /// The mean light around each block [lx] (luminance): its own, and that of brighter units. What a sky brings is added to it where it is
+    /// found.
+    fn around(&self) -> Vec<f32> {
+        let own = Some(self.unit).filter(|unit| !unit.is_sky());
+        let mut around = vec![0.0; self.blocks.len()];
+        for unit in self.brighter.iter().copied().chain(own) {
             let light = unit.means.iter().map(|mean| luminance(*mean * unit.strength));
-            sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += light);
+            around.iter_mut().zip(light).for_each(|(sum, light)| *sum += light);
         }
         around
-    }
-
-    fn all(&self) -> Vec<f32> {
-        self.lamps.iter().zip(&self.sky).map(|(lamps, sky)| lamps + sky).collect()
     }
 }
 
