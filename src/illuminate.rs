@@ -241,7 +241,7 @@ pub fn share(scene: &Scene, atlas: &Atlas, settings: &Settings, work: &Work, pro
     let parts = parts(scene, settings.layers.contains(&LayerKind::LightGroups));
     let mut apart = direct_apart(&lit, &parts, false, &Lamps { lit: &lit, work, progress }, progress)?;
     caustics::add(&lit, &parts, &mut apart, settings, progress)?;
-    kept::see(&lit, &apart.whole, &settings.block_params(), Look::Once, work, progress)?;
+    kept::see(&lit, &apart.whole, &settings.block_params(), &parts, Look::Once, work, progress)?;
     Ok(())
 }
 
@@ -392,12 +392,12 @@ fn by_blocks(
     let params = settings.block_params();
     let params = BlockParams { layers: params.layers || leaves_out_sky(parts), ..params };
     let how = if settings.relight.is_some() { Look::Never } else { Look::Once };
-    let Sight { seen, is_fresh } = kept::see(lit, &direct, &params, how, work, progress)?;
+    let Sight { seen, is_fresh } = kept::see(lit, &direct, &params, parts, how, work, progress)?;
     let mut found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
     // What was looked at in other light may be seen too coarsely in this one.
     let is_rough = |exchanged: &Exchanged| exchanged.noise.hypot(exchanged.bias) > ROUGHER * params.error;
     if !is_fresh && how == Look::Once && is_rough(&found.2) {
-        let Sight { seen, .. } = kept::see(lit, &direct, &params, Look::Anew, work, progress)?;
+        let Sight { seen, .. } = kept::see(lit, &direct, &params, parts, Look::Anew, work, progress)?;
         found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
     }
     let (mut gathered, backs, exchanged) = found;

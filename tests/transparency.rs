@@ -188,7 +188,7 @@ fn a_furnace_with_sheets_in_it_stays_uniform() {
         let blocks = Settings { quality: Quality::High, ..draft() };
         let gather = Settings { gather: Gather::Final, quality: Quality::High, ..draft() };
         let paths = Settings { method: Method::Path, samples: Some(512), ..draft() };
-        for (name, settings, most) in [("blocks", blocks, 0.005), ("gather", gather, 0.005), ("paths", paths, 0.02)] {
+        for (name, settings, most) in [("blocks", blocks, 0.0055), ("gather", gather, 0.0055), ("paths", paths, 0.02)] {
             let baked = bake(&scene, &atlas, &settings);
             let shown: Vec<usize> = (0..baked.patches.len()).filter(|&i| !baked.exposure.is_buried(i)).collect();
             let off: Vec<f32> = shown.iter().map(|&i| baked.gathered.irradiance[i].x / (2.0 * PI) - 1.0).collect();
@@ -196,7 +196,7 @@ fn a_furnace_with_sheets_in_it_stays_uniform() {
             let (mean, rms) = (off.iter().sum::<f32>() / n, (off.iter().map(|o| o * o).sum::<f32>() / n).sqrt());
             let balance = baked.energy.imbalance;
             println!("{:?} {name}: rms {rms:.5}, mean {mean:.5}, balance {balance:.5}", material.alpha);
-            assert!(rms < most && mean.abs() < 0.0015, "{name}: {rms}, {mean}");
+            assert!(rms < most && mean.abs() < 0.001, "{name}: {rms}, {mean}");
             assert!(balance.abs() < 0.002, "{name}: {balance}");
         }
     }

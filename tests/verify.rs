@@ -64,7 +64,7 @@ fn wrong_light_in_the_cache_is_found_though_its_checksum_is_right() {
         // By less than anyone sees.
         direct.transport = Arc::new(direct.transport.iter().map(|e| *e * 1.03).collect());
         direct.shown = lumel::patch::Sparse::same(Arc::clone(&direct.transport));
-        let wrong = KeptLight::new(&direct, Rgb::ONE, kept.flux(), kept.beside);
+        let wrong = KeptLight::new(&direct, Rgb::ONE, (kept.firsts.clone(), kept.means.clone()), kept.beside);
         let sections = wrong.sections();
         store.write(&kind, key, &sections.iter().map(AsRef::as_ref).collect::<Vec<&[u8]>>()).unwrap();
         tampered += 1;

@@ -7,7 +7,6 @@
 use super::block::Block;
 use super::field::Field;
 use super::smooth::Smoothed;
-use super::sweep::{Radiosity, System};
 use crate::color::luminance;
 use crate::light::{Direct, Lit};
 use rayon::prelude::*;
@@ -67,36 +66,6 @@ pub struct Left {
 /// A block of detail beyond the plane through its neighbours shows, interpolated, errors of this share of it: for a constant
 /// second derivative 0.4.
 const INTERPOLATED: f32 = 0.4;
-
-/// Variance of one sample of each front [lx^2]; 0 where there are none.
-pub fn variances(system: &System, radiosity: &Radiosity) -> Vec<f32> {
-    let of_half = |b: usize, k: usize| {
-        let found = &system.sampled[b];
-        let half = &found.halves[k];
-        let n = found.drawn.samples() as f32;
-        if n < 2.0 {
-            return 0.0;
-        }
-        let (mut sum, mut squares) = (0.0f32, 0.0f32);
-        let mut add = |x: f32| {
-            sum += x;
-            squares += x * x;
-        };
-        if half.tints.is_empty() {
-            let each = half.links.iter().zip(&half.weights);
-            each.for_each(|(link, weight)| add(luminance(radiosity.at(link.target())) * weight));
-        } else {
-            half.seen().for_each(|(link, weight, tint)| add(luminance(radiosity.at(link.target()) * tint) * weight));
-        }
-        system.each_sky(b, k, None, |light| add(luminance(light)));
-        (squares - sum * sum / n).max(0.0) * n
-    };
-    (0..system.blocks.fronts())
-        .into_par_iter()
-        .with_max_len(PART)
-        .map(|b| 0.5 * (of_half(b, 0) + of_half(b, 1)))
-        .collect()
-}
 
 impl Stakes {
     /// From what is known now.

@@ -1,5 +1,6 @@
 //! The light of a scene as blocks have it, while it is being found.
 
+use super::backs::{BackLamps, mean_on_back, params_of_backs};
 use super::block::Blocks;
 use super::guide::{Guide, View};
 use super::kept::Kept;
@@ -15,7 +16,6 @@ use super::{BlockParams, PARTS, SHARE};
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::gather::Backs;
-use crate::light::direct::Arriving;
 use crate::light::{Direct, Lit};
 use crate::patch::NONE;
 use crate::progress::Progress;
@@ -27,9 +27,6 @@ use rayon::prelude::*;
 /// Samples in each half of a back that is seen from a front or shines, and of one that is seen from other backs alone.
 const BACK_SAMPLES: u32 = 32;
 const DEEP_SAMPLES: u32 = 8;
-
-/// Patches over which the direct light of a back is averaged.
-const BACK_PATCHES: usize = 8;
 
 /// How often backs that are seen from backs are followed.
 const BACK_ROUNDS: usize = 8;
@@ -51,8 +48,9 @@ pub struct Field<'a> {
     pub irradiance: Vec<Rgb>,
     /// What patches send of their direct light [lm/m^2].
     sent: Vec<Rgb>,
-    /// Direct light on backs.
+    /// Direct light on backs, and the lamps that it comes from.
     on_backs: BackLight,
+    lamps: BackLamps,
     /// Irradiance from the sky [lx].
     base: Vec<Rgb>,
     bright: Option<(Guide, Reach)>,
@@ -65,25 +63,31 @@ pub struct Field<'a> {
 
 impl<'a> Field<'a> {
     /// The coarsest blocks, in the dark.
-    pub fn new(lit: &'a Lit<'a>, direct: &Direct, params: &'a BlockParams, work: &'a Work<'a>) -> Self {
+    pub fn new(
+        lit: &'a Lit<'a>,
+        direct: &Direct,
+        params: &'a BlockParams,
+        lamps: BackLamps,
+        work: &'a Work<'a>,
+    ) -> Self {
         let blocks = Blocks::new(lit);
         let n = blocks.list.len();
         let (sampled, irradiance) = (vec![Sampled::default(); n], vec![Rgb::ZERO; n]);
-        let mut field = Self::with(lit, direct, params, blocks, sampled, irradiance, work);
+        let mut field = Self::with(lit, direct, params, blocks, (sampled, irradiance), lamps, work);
         field.meet();
         field
     }
 
-    /// The blocks and links that were kept, in other light, which goes on from where it was then; of `on_backs` what is known.
+    /// The blocks and links that were kept, in other light, which goes on from where it was then; `lamps` light backs.
     ///
     /// # Errors
-    /// `Cancelled`; `Invalid` where what was kept is of other patches.
+    /// `Cancelled`; `Io`; `Invalid` where what was kept is of other patches.
     pub fn kept(
         lit: &'a Lit<'a>,
         direct: &Direct,
         params: &'a BlockParams,
         kept: &Kept,
-        on_backs: Option<BackLight>,
+        lamps: BackLamps,
         work: &'a Work<'a>,
         progress: &dyn Progress,
     ) -> Result<Self> {
@@ -100,14 +104,11 @@ impl<'a> Field<'a> {
             return Err(unlike());
         }
         let irradiance = kept.irradiance.clone();
-        let mut field = Self { rays: kept.rays, ..Self::with(lit, direct, params, blocks, sampled, irradiance, work) };
-        match on_backs {
-            Some(on_backs) => field.on_backs = on_backs,
-            None => {
-                field.light_backs(&kept.back_patches, progress)?;
-                field.light_back_blocks(&back_blocks, progress)?;
-            }
-        }
+        let light = (sampled, irradiance);
+        let mut field = Self { rays: kept.rays, ..Self::with(lit, direct, params, blocks, light, lamps, work) };
+        field.light_backs(&kept.back_patches, progress)?;
+        field.light_back_blocks(&back_blocks, progress)?;
+        field.lamps.keep(work)?;
         field.find_base();
         let flux = field.flux();
         let ratio = |k: usize| if kept.flux[k] > 0.0 { (flux[k] / kept.flux[k]) as f32 } else { 1.0 };
@@ -127,16 +128,15 @@ impl<'a> Field<'a> {
 
     /// Patches and blocks of whose backs the direct light is known, ascending.
     pub fn lit_backs(&self) -> (Vec<u32>, Vec<u32>) {
-        let mut patches: Vec<u32> = self.on_backs.of_patch.keys().copied().collect();
-        patches.sort_unstable();
+        let patches = self.on_backs.of_patch.keys().to_vec();
         let fronts = self.blocks.fronts() as u32;
         let blocks = (fronts..).zip(&self.on_backs.of_block).filter(|(_, known)| known.is_some());
         (patches, blocks.map(|(b, _)| b).collect())
     }
 
-    /// The direct light on backs, which is all that is left of the field.
-    pub fn into_on_backs(self) -> BackLight {
-        self.on_backs
+    /// The lamps that light backs, which is all that is left of the field.
+    pub fn into_lamps(self) -> BackLamps {
+        self.lamps
     }
 
     /// The equations of the light.
@@ -159,8 +159,8 @@ impl<'a> Field<'a> {
         direct: &Direct,
         params: &'a BlockParams,
         blocks: Blocks,
-        sampled: Vec<Sampled>,
-        irradiance: Vec<Rgb>,
+        (sampled, irradiance): (Vec<Sampled>, Vec<Rgb>),
+        lamps: BackLamps,
         work: &'a Work<'a>,
     ) -> Self {
         let n = blocks.list.len();
@@ -172,6 +172,7 @@ impl<'a> Field<'a> {
             irradiance,
             sent: sent(lit, direct, params),
             on_backs: BackLight { of_block: vec![None; n - blocks.fronts()], ..BackLight::default() },
+            lamps,
             base: vec![Rgb::ZERO; n],
             bright: None,
             swept: Swept::default(),
@@ -289,52 +290,25 @@ impl<'a> Field<'a> {
         &self.base
     }
 
-    /// The direct light of `lit` on the backs of `patches`.
-    fn arriving(&self, lit: &Lit, patches: &[u32], progress: &dyn Progress) -> Result<Vec<Arriving>> {
-        let draw = Draw { lit, blocks: &self.blocks, seed: self.params.seed };
-        let of_patch = |&i: &u32| {
-            progress.check()?;
-            Ok(draw.direct_on_back(i as usize))
-        };
-        patches.par_iter().with_max_len(SHARE).map(of_patch).collect()
-    }
-
-    /// Finds the direct light on those backs of `patches` where it isn't known yet.
+    /// Finds the direct light on those backs of `patches`, ascending, where it isn't known yet.
     pub fn light_backs(&mut self, patches: &[u32], progress: &dyn Progress) -> Result<()> {
-        let fresh: Vec<u32> = patches.iter().copied().filter(|i| !self.on_backs.of_patch.contains_key(i)).collect();
-        let found = self.arriving(self.lit, &fresh, progress)?;
-        for (i, arriving) in fresh.into_iter().zip(found) {
-            self.rays += arriving.rays;
-            self.on_backs.of_patch.insert(i, arriving.transport);
-        }
+        let known = self.on_backs.of_patch.get(patches);
+        let fresh: Vec<u32> = patches.iter().zip(known).filter(|(_, known)| known.is_none()).map(|(i, _)| *i).collect();
+        let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
+        let (light, rays) = self.lamps.light(&draw, &fresh, progress)?;
+        self.rays += rays;
+        self.on_backs.of_patch.add(fresh.into_iter().zip(light));
         Ok(())
-    }
-
-    /// The mean direct light of `lit` on the backs `list`, from a few patches all over each, and the rays that took.
-    fn arriving_at_blocks(&self, lit: &Lit, list: &[usize], progress: &dyn Progress) -> Result<Vec<([Rgb; 2], u64)>> {
-        let draw = Draw { lit, blocks: &self.blocks, seed: self.params.seed };
-        let mean = |&b: &usize| -> Result<([Rgb; 2], u64)> {
-            progress.check()?;
-            let members = self.blocks.members(b);
-            let some = members.iter().step_by(members.len().div_ceil(BACK_PATCHES));
-            let (mut sum, mut rays, count) = ([Rgb::ZERO; 2], 0, some.len() as f32);
-            for &i in some {
-                let arriving = draw.direct_on_back(i as usize);
-                sum = [sum[0] + arriving.transport, sum[1] + arriving.other];
-                rays += arriving.rays;
-            }
-            Ok((sum.map(|sum| sum / count), rays))
-        };
-        list.par_iter().with_max_len(SHARE).map(mean).collect()
     }
 
     /// Finds the mean direct light on the backs `list`.
     pub fn light_back_blocks(&mut self, list: &[usize], progress: &dyn Progress) -> Result<()> {
-        let found = self.arriving_at_blocks(self.lit, list, progress)?;
+        let draw = Draw { lit: self.lit, blocks: &self.blocks, seed: self.params.seed };
+        let (means, rays) = self.lamps.light_blocks(&draw, list, progress)?;
+        self.rays += rays;
         let fronts = self.blocks.fronts();
-        for (&b, (mean, rays)) in list.iter().zip(found) {
+        for (&b, mean) in list.iter().zip(means) {
             self.on_backs.of_block[b - fronts] = Some(mean);
-            self.rays += rays;
         }
         Ok(())
     }
@@ -427,11 +401,15 @@ impl<'a> Field<'a> {
         self.around = (0..fronts).into_par_iter().map(|b| neighbours(self.lit, &self.blocks, b)).collect();
     }
 
-    /// How fronts answer to normals; `normal` is the one that a patch shows.
-    pub fn responses(&self, radiosity: &Radiosity, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Vec<Response> {
+    /// How fronts answer to normals, and the variance of one sample of each [lx^2]; `normal` is the one that a patch shows.
+    pub fn responses(
+        &self,
+        radiosity: &Radiosity,
+        normal: &(dyn Fn(usize) -> Vec3 + Sync),
+    ) -> (Vec<Response>, Vec<f32>) {
         let system = self.system();
         let respond = |b: usize| Response::new(&system, radiosity, &normal, b);
-        (0..self.blocks.fronts()).into_par_iter().with_max_len(SHARE).map(respond).collect()
+        (0..self.blocks.fronts()).into_par_iter().with_max_len(SHARE).map(respond).unzip()
     }
 
     /// Number of links to patches.
@@ -510,16 +488,25 @@ impl Alone {
     /// `Cancelled`.
     pub fn new(field: &Field, lit: &Lit, direct: &Direct, progress: &dyn Progress) -> Result<Self> {
         let mut alone = Self { sent: sent(lit, direct, field.params), ..Self::dark(field) };
-        let mut patches: Vec<u32> = field.on_backs.of_patch.keys().copied().collect();
-        patches.sort_unstable();
-        let found = field.arriving(lit, &patches, progress)?;
-        let light = found.into_iter().map(|arriving| arriving.transport);
-        alone.on_backs.of_patch = patches.into_iter().zip(light).collect();
+        let params = params_of_backs(lit.params);
+        let lamps = [(lit.lights, &params)];
+        let draw = Draw { lit, blocks: &field.blocks, seed: field.params.seed };
+        let patches = field.on_backs.of_patch.keys().to_vec();
+        let on_patch = |&i: &u32| -> Result<Rgb> {
+            progress.check()?;
+            Ok(draw.direct_on_back(i as usize, &lamps).iter().map(|arriving| arriving.transport).sum())
+        };
+        let light: Vec<Rgb> = patches.par_iter().with_max_len(SHARE).map(on_patch).collect::<Result<_>>()?;
+        alone.on_backs.of_patch.add(patches.into_iter().zip(light));
         let (fronts, known) = (field.blocks.fronts(), &field.on_backs.of_block);
         let list: Vec<usize> = (0..known.len()).filter(|&k| known[k].is_some()).map(|k| fronts + k).collect();
-        let found = field.arriving_at_blocks(lit, &list, progress)?;
-        for (b, (mean, _)) in list.into_iter().zip(found) {
-            alone.on_backs.of_block[b - fronts] = Some(mean);
+        let on_block = |&b: &usize| -> Result<Vec<([Rgb; 2], u64)>> {
+            progress.check()?;
+            Ok(mean_on_back(&draw, b, &lamps))
+        };
+        let means: Vec<_> = list.par_iter().with_max_len(SHARE).map(on_block).collect::<Result<_>>()?;
+        for (b, mean) in list.into_iter().zip(means.concat()) {
+            alone.on_backs.of_block[b - fronts] = Some(mean.0);
         }
         let base: Vec<Rgb> = {
             let system = alone.system(field, lit);

@@ -13,7 +13,7 @@ use super::bits::{BitReader, BitWriter};
 use super::block::{Block, Blocks, Shape};
 use super::field::Field;
 use super::guide::Found;
-use super::link::{Drawn, Half, Link, Normals, SkyLink};
+use super::link::{Drawn, Half, Normals, SkyLink};
 use super::respond::is_curved;
 use super::shoot::Sampled;
 use crate::color::Rgb;
@@ -142,9 +142,9 @@ impl Kept {
     /// What each of `blocks` has seen, by the number that it has here; nothing where it has none.
     pub fn sampled_of(&self, blocks: &Blocks, known: &[Option<usize>], targets: Targets) -> Option<Vec<Sampled>> {
         let shares = std::array::from_fn(|step| (-(step as f32) / STEPS).exp2());
-        let read = |(block, known): (&Block, &Option<usize>)| match known {
+        let read = |(_, known): (&Block, &Option<usize>)| match known {
             None => Some(Sampled::default()),
-            Some(b) => Reading { bits: BitReader::new(self.bytes(*b)?), block, targets, shares: &shares }.sampled(),
+            Some(b) => Reading { bits: BitReader::new(self.bytes(*b)?), targets, shares: &shares }.sampled(),
         };
         blocks.list.par_iter().zip(known).with_max_len(SHARE).map(read).collect()
     }
@@ -280,11 +280,8 @@ fn write_block(bits: &mut BitWriter, sampled: &Sampled, curved: bool) {
 }
 
 fn write_links(bits: &mut BitWriter, half: &Half, curved: bool) {
-    let key = |link: &Link| {
-        let (patch, back) = link.target();
-        (patch as u32) << 1 | u32::from(back)
-    };
-    let mut order: Vec<(u32, u32)> = half.links.iter().zip(0..).map(|(link, k)| (key(link), k)).collect();
+    let key = |(patch, back): (usize, bool)| (patch as u32) << 1 | u32::from(back);
+    let mut order: Vec<(u32, u32)> = half.links.targets().zip(0..).map(|(seen, k)| (key(seen), k)).collect();
     order.sort_unstable();
     bits.put_any(order.len() as u32);
     if order.is_empty() {
@@ -296,7 +293,7 @@ fn write_links(bits: &mut BitWriter, half: &Half, curved: bool) {
     let at = |k: &(u32, u32)| k.1 as usize;
     write_weights(bits, order.iter().map(|k| half.weights[at(k)]));
     if curved {
-        order.iter().for_each(|k| bits.put(octahedral::pack_16(half.links[at(k)].direction()), 16));
+        order.iter().for_each(|k| bits.put(octahedral::pack_16(half.links.get(at(k)).direction()), 16));
     }
     let mut place = vec![0; order.len()];
     order.iter().zip(0..).for_each(|(k, now)| place[at(k)] = now);
@@ -335,7 +332,6 @@ fn write_tints(bits: &mut BitWriter, tints: impl Iterator<Item = (u32, Rgb)>) {
 /// A block's bytes, while they are read.
 struct Reading<'a> {
     bits: BitReader<'a>,
-    block: &'a Block,
     targets: Targets<'a>,
     /// Form factors by step, relative to the largest.
     shares: &'a [f32; LAST_STEP as usize + 1],
@@ -365,25 +361,22 @@ impl Reading<'_> {
         if count == 0 {
             return Some(());
         }
-        let block = self.block;
         let Targets { patches, numbers } = self.targets;
         let number = |patch: usize| numbers.map_or(patch, |numbers| (numbers[patch] as usize).min(GONE));
         let mut key = 0u32;
         // A number that is no count of links ends with the bits.
-        half.links.reserve_exact(count.min(1 << 16));
+        half.links.reserve_targets(count.min(1 << 16));
         self.bits.get_all(count, |gap| {
             key = key.checked_add(gap)?;
             let (patch, back) = ((key >> 1) as usize, key & 1 == 1);
             let patch = (patch < patches).then(|| number(patch))?;
-            half.links.push(Link::new(patch, back, block.normal, 0.0));
+            half.links.push_target(patch, back);
             Some(())
         })?;
         self.weights(count, &mut half.weights)?;
         if curved {
-            for link in &mut half.links {
-                let (patch, back) = link.target();
-                *link = Link::new(patch, back, octahedral::unpack_16(self.bits.get(16)?), 0.0);
-            }
+            let directions = (0..count).map(|_| Some(octahedral::unpack_16(self.bits.get(16)?)));
+            half.links.direct(directions.collect::<Option<Vec<Vec3>>>()?.into_iter());
         }
         self.tints(count, &mut half.tints)
     }

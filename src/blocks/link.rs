@@ -41,8 +41,7 @@ pub struct SkyLink {
 impl Link {
     /// The patch `patch`, on its back where `back`, seen along `direction` (unit).
     pub fn new(patch: usize, back: bool, direction: Vec3, pdf_area: f32) -> Self {
-        let target = patch as u32 | if back { BACK } else { 0 };
-        Self { target, direction: octahedral::pack(direction), pdf_area }
+        Self { target: target(patch, back), direction: octahedral::pack(direction), pdf_area }
     }
 
     /// The patch, and whether its back is seen.
@@ -88,10 +87,111 @@ impl SkyLink {
     }
 }
 
+/// The way of a link.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    direction: u32,
+    pdf_area: f32,
+}
+
+/// Links, with what every sweep reads of them in one place: 4 bytes each where their ways don't matter any more, else 12.
+#[derive(Clone, Debug, Default)]
+pub struct Links {
+    targets: Vec<u32>,
+    /// One a target, or none.
+    ways: Vec<Way>,
+}
+
+impl Links {
+    /// So many links may come.
+    pub fn reserve_exact(&mut self, count: usize) {
+        self.targets.reserve_exact(count);
+        self.ways.reserve_exact(count);
+    }
+
+    /// So many links without ways may come.
+    pub fn reserve_targets(&mut self, count: usize) {
+        self.targets.reserve_exact(count);
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.targets.len()
+    }
+
+    /// True where there are none.
+    pub fn is_empty(&self) -> bool {
+        self.targets.is_empty()
+    }
+
+    /// Adds a link; without a way where others have none.
+    pub fn push(&mut self, link: Link) {
+        if self.ways.len() == self.targets.len() {
+            self.ways.push(Way { direction: link.direction, pdf_area: link.pdf_area });
+        }
+        self.targets.push(link.target);
+    }
+
+    /// Adds a link to the patch `patch`, to its back where `back`, of which the way doesn't matter: it has none, nor has any other.
+    pub fn push_target(&mut self, patch: usize, back: bool) {
+        self.targets.push(target(patch, back));
+    }
+
+    /// Gives the links the `directions` (unit) that they go along.
+    pub fn direct(&mut self, directions: impl Iterator<Item = Vec3>) {
+        let way = |direction| Way { direction: octahedral::pack(direction), pdf_area: 0.0 };
+        self.ways.clear();
+        self.ways.reserve_exact(self.targets.len());
+        self.ways.extend(directions.take(self.targets.len()).map(way));
+    }
+
+    /// Link `k`. Without a way it goes nowhere in particular.
+    #[inline]
+    pub fn get(&self, k: usize) -> Link {
+        let Way { direction, pdf_area } = self.ways.get(k).copied().unwrap_or(Way { direction: 0, pdf_area: 0.0 });
+        Link { target: self.targets[k], direction, pdf_area }
+    }
+
+    /// The links, in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = Link> + Clone {
+        (0..self.targets.len()).map(|k| self.get(k))
+    }
+
+    /// What they see: patches, and whether it is their backs.
+    #[inline]
+    pub fn targets(&self) -> impl ExactSizeIterator<Item = (usize, bool)> {
+        self.targets.iter().map(|target| ((target & !BACK) as usize, target & BACK != 0))
+    }
+
+    /// Adds all of `others`.
+    fn extend(&mut self, others: Self) {
+        others.iter().for_each(|link| self.push(link));
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        if !keep.contains(&false) {
+            return;
+        }
+        let mut kept = keep.iter();
+        self.targets.retain(|_| *kept.next().expect("one a link"));
+        let mut kept = keep.iter();
+        self.ways.retain(|_| *kept.next().expect("one a link"));
+    }
+
+    fn shrink_to_fit(&mut self) {
+        self.targets.shrink_to_fit();
+        self.ways.shrink_to_fit();
+    }
+}
+
+fn target(patch: usize, back: bool) -> u32 {
+    patch as u32 | if back { BACK } else { 0 }
+}
+
 /// What one of the two independent halves of a block's samples found.
 #[derive(Clone, Debug, Default)]
 pub struct Half {
-    pub links: Vec<Link>,
+    pub links: Links,
     /// Form factor of each link: `w / pi` times the mean cosine over the block.
     pub weights: Vec<f32>,
     pub sky: Vec<SkyLink>,
@@ -107,10 +207,10 @@ pub struct Half {
 
 /// Each of `links` with its form factor and tint.
 fn tinted<'a, L>(
-    links: &'a [L],
+    links: impl Iterator<Item = L> + 'a,
     weights: &'a [f32],
     tints: &'a [(u32, Rgb)],
-) -> impl Iterator<Item = (&'a L, f32, Rgb)> {
+) -> impl Iterator<Item = (L, f32, Rgb)> {
     let mut tints = tints.iter().peekable();
     (0..).zip(links).zip(weights).map(move |((k, link), weight)| {
         let tint = tints.next_if(|t| t.0 == k).map_or(Rgb::ONE, |t| t.1);
@@ -118,9 +218,8 @@ fn tinted<'a, L>(
     })
 }
 
-/// Keeps those of `links` that are `wanted`, with their weights and tints.
-fn retain<L>(links: &mut Vec<L>, weights: &mut Vec<f32>, tints: &mut Vec<(u32, Rgb)>, wanted: impl Fn(&L) -> bool) {
-    let keep: Vec<bool> = links.iter().map(wanted).collect();
+/// Keeps those of the `weights` of links and their `tints` that are told to.
+fn retain(weights: &mut Vec<f32>, tints: &mut Vec<(u32, Rgb)>, keep: &[bool]) {
     if !keep.contains(&false) {
         return;
     }
@@ -135,20 +234,18 @@ fn retain<L>(links: &mut Vec<L>, weights: &mut Vec<f32>, tints: &mut Vec<(u32, R
     tints.retain(|(k, _)| keep[*k as usize]);
     tints.iter_mut().for_each(|(k, _)| *k = places[*k as usize] - 1);
     let mut kept = keep.iter();
-    links.retain(|_| *kept.next().expect("one a link"));
-    let mut kept = keep.iter();
     weights.retain(|_| *kept.next().expect("one a link"));
 }
 
 impl Half {
     /// The links with their form factors and tints.
-    pub fn seen(&self) -> impl Iterator<Item = (&Link, f32, Rgb)> {
-        tinted(&self.links, &self.weights, &self.tints)
+    pub fn seen(&self) -> impl Iterator<Item = (Link, f32, Rgb)> {
+        tinted(self.links.iter(), &self.weights, &self.tints)
     }
 
     /// The same of those to the sky.
     pub fn sky_seen(&self) -> impl Iterator<Item = (&SkyLink, f32, Rgb)> {
-        tinted(&self.sky, &self.sky_weights, &self.sky_tints)
+        tinted(self.sky.iter(), &self.sky_weights, &self.sky_tints)
     }
 
     /// Adds a link whose light is multiplied by `tint`.
@@ -169,8 +266,13 @@ impl Half {
 
     /// Keeps the links, and those to the sky, that are wanted.
     pub fn retain(&mut self, link: impl Fn(&Link) -> bool, sky: impl Fn(&SkyLink) -> bool) {
-        retain(&mut self.links, &mut self.weights, &mut self.tints, link);
-        retain(&mut self.sky, &mut self.sky_weights, &mut self.sky_tints, sky);
+        let keep: Vec<bool> = self.links.iter().map(|l| link(&l)).collect();
+        retain(&mut self.weights, &mut self.tints, &keep);
+        self.links.retain(&keep);
+        let keep: Vec<bool> = self.sky.iter().map(sky).collect();
+        retain(&mut self.sky_weights, &mut self.sky_tints, &keep);
+        let mut kept = keep.iter();
+        self.sky.retain(|_| *kept.next().expect("one a link"));
     }
 
     /// Adds the `fresh` links of a half, in place of those that it lacks.

@@ -7,6 +7,7 @@
 //! ([`show`]). Samples go where the noise is and blocks are split where detail is, until the error that was asked for is reached
 //! ([`effort`]). Links are kept in few bytes ([`kept`]), for other light as well. Light groups and bounces are told apart by the same links ([`separate`]).
 
+pub mod backs;
 mod bits;
 pub mod block;
 mod effort;
@@ -33,7 +34,8 @@ use crate::light::{Direct, Lit};
 use crate::patch::{Cutter, SurfacePoint};
 use crate::progress::Progress;
 use crate::work::Work;
-use effort::{Left, Stakes, distances, too_coarse, too_near, variances};
+use backs::BackLamps;
+use effort::{Left, Stakes, distances, too_coarse, too_near};
 use field::Field;
 use glam::{DVec3, Vec3};
 use kept::Kept;
@@ -43,7 +45,7 @@ use respond::{DIFFERENCE, LANDED, Response, Values};
 use separate::{Separate, Wanted};
 use show::show;
 use smooth::{Smoothed, smooth};
-use sweep::{BackLight, Swept};
+use sweep::Swept;
 
 /// What is asked of the exchange.
 #[derive(Clone, Debug)]
@@ -134,31 +136,27 @@ struct Judged {
 
 /// What blocks see.
 pub struct Seen {
-    kept: Kept,
-    on_backs: Option<BackLight>,
-}
-
-impl Seen {
-    /// Of what was kept; `on_backs` is the direct light on backs, where it is known in the light of now.
-    pub fn joined(kept: Kept, on_backs: Option<BackLight>) -> Self {
-        Self { kept, on_backs }
-    }
-
-    /// What [`joined`](Self::joined) takes.
-    pub fn parted(self) -> (Kept, Option<BackLight>) {
-        (self.kept, self.on_backs)
-    }
+    pub kept: Kept,
+    /// The lamps that light the backs among it.
+    pub lamps: BackLamps,
 }
 
 /// Finds what blocks see, as closely as the light of `lit` asks for.
 ///
 /// # Errors
 /// `Cancelled`.
-pub fn look(lit: &Lit, direct: &Direct, params: &BlockParams, work: &Work, progress: &dyn Progress) -> Result<Seen> {
+pub fn look(
+    lit: &Lit,
+    direct: &Direct,
+    params: &BlockParams,
+    lamps: BackLamps,
+    work: &Work,
+    progress: &dyn Progress,
+) -> Result<Seen> {
     progress.begin("links", 0);
     let normals = shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
-    let mut run = Run::new(Field::new(lit, direct, params, work), direct, &normal, progress)?;
+    let mut run = Run::new(Field::new(lit, direct, params, lamps, work), direct, &normal, progress)?;
     let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
     run.reach(aim)?;
     while aim > params.error && !run.is_late() {
@@ -167,7 +165,7 @@ pub fn look(lit: &Lit, direct: &Direct, params: &BlockParams, work: &Work, progr
     }
     let kept = kept::keep(&run.field, run.gain, &normal);
     tracing::debug!(bytes = kept.links.len(), links = run.field.links(), "kept");
-    Ok(Seen { kept, on_backs: Some(run.field.into_on_backs()) })
+    Ok(Seen { kept, lamps: run.field.into_lamps() })
 }
 
 /// Finds the light between surfaces that have `seen` one another, and what is `wanted` of it on its own. The light may be another than
@@ -187,16 +185,16 @@ pub fn exchange(
     progress.begin("exchange", 0);
     let normals = shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
-    let Seen { kept, on_backs } = seen;
+    let Seen { kept, lamps } = seen;
     let gain = kept.gain;
-    let mut field = Field::kept(lit, direct, params, &kept, on_backs, work, progress)?;
+    let mut field = Field::kept(lit, direct, params, &kept, lamps, work, progress)?;
     drop(kept);
     field.solve(params.residual, progress)?;
     let radiosity = field.system().radiosity(&field.irradiance);
     let backs = field.backs(&radiosity);
-    let responses = field.responses(&radiosity, &normal);
+    let (responses, variance) = field.responses(&radiosity, &normal);
     let moments = if lit.params.moments { incident::incident(&field, &radiosity) } else { Vec::new() };
-    let stakes = Stakes::new(&field, &variances(&field.system(), &radiosity), direct, gain);
+    let stakes = Stakes::new(&field, &variance, direct, gain);
     drop(radiosity);
     let (blocks, links) = (field.blocks.list.len(), field.links());
     let separate = Separate::find(&field, wanted, &normal, progress)?;
@@ -303,9 +301,9 @@ impl<'a> Run<'a> {
         self.field.look(plan, self.progress)?;
         self.field.solve(ROUGH, self.progress)?;
         let radiosity = self.field.system().radiosity(&self.field.irradiance);
-        self.variance = variances(&self.field.system(), &radiosity);
-        let re = self.field.responses(&radiosity, self.normal);
-        let smoothed = smooth(&self.field.blocks, &self.field.around, re);
+        let (responses, variance) = self.field.responses(&radiosity, self.normal);
+        self.variance = variance;
+        let smoothed = smooth(&self.field.blocks, &self.field.around, responses);
         let stakes = Stakes::new(&self.field, &self.variance, self.direct, self.gain);
         let left = Left::new(&self.field, &stakes, &smoothed);
         let independent = stakes.independent_noise(&self.field);

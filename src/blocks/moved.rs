@@ -6,12 +6,12 @@
 //! other, whichever way they were found, and no light is made or lost between them, however often things move.
 
 use super::SHARE;
+use super::backs::BackLamps;
 use super::block::{Block, Blocks};
 use super::field::Field;
 use super::kept::{GONE, Kept, OldBlocks, Targets};
 use super::link::{Half, Link, Normals, Sight};
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
-use super::sweep::BackLight;
 use super::{BlockParams, Seen, kept};
 use crate::Result;
 use crate::color::Rgb;
@@ -187,6 +187,7 @@ pub fn look_again(
     direct: &Direct,
     params: &BlockParams,
     before: (&Kept, &Change),
+    lamps: BackLamps,
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Option<Seen>> {
@@ -220,9 +221,11 @@ pub fn look_again(
         .collect();
     drop_touched(lit, &blocks, change, &mut sampled);
     let fronts = blocks.fronts();
-    let mut field = Field::with(lit, direct, params, blocks, sampled, irradiance, work);
+    let mut field = Field::with(lit, direct, params, blocks, (sampled, irradiance), lamps, work);
     let number = |before: &u32| numbers.get(*before as usize).copied();
-    let back_patches: Vec<u32> = kept.back_patches.iter().filter_map(number).filter(|&i| field.has_back(i)).collect();
+    let back_patches = kept.back_patches.iter().filter_map(number).filter(|&i| field.has_back(i));
+    let mut back_patches: Vec<u32> = back_patches.collect();
+    back_patches.sort_unstable();
     field.light_backs(&back_patches, progress)?;
     let seen = sample_touched(&mut field, &same, &counts, change, progress)?;
     field.follow_backs(seen, progress)?;
@@ -230,8 +233,7 @@ pub fn look_again(
     field.light_back_blocks(&known, progress)?;
     field.find_base();
     let kept = kept::keep(&field, kept.gain, &normal);
-    let on_backs: BackLight = field.into_on_backs();
-    Ok(Some(Seen::joined(kept, Some(on_backs))))
+    Ok(Some(Seen { kept, lamps: field.into_lamps() }))
 }
 
 /// Samples of a hemisphere that stand for so many over it and towards what shines, of which nothing is known here.
@@ -274,7 +276,7 @@ fn drop_touched(lit: &Lit, blocks: &Blocks, change: &Change, sampled: &mut [Samp
     let drop = |(b, found): (usize, &mut Sampled)| {
         let block = &blocks.list[b];
         let towards = Towards::new(lit, blocks, b, &change.boxes);
-        if towards.is_above(block) || !found.halves.iter().all(|half| half.links.iter().all(is_kept)) {
+        if towards.is_above(block) || !found.halves.iter().all(|half| half.links.iter().all(|link| is_kept(&link))) {
             found.halves.iter_mut().for_each(|half| towards.retain(half, false, lit, block, is_kept));
         }
     };
@@ -316,8 +318,8 @@ fn sample_touched(
                 found.close();
             }
         }
-        let new = found.halves.iter().zip(from).flat_map(|(half, from)| &half.links[from..]);
-        new.map(|link| link.target()).filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect()
+        let new = found.halves.iter().zip(from).flat_map(|(half, from)| half.links.targets().skip(from));
+        new.filter(|(_, back)| *back).map(|(patch, _)| patch as u32).collect()
     };
     let seen: Result<Vec<Vec<u32>>> = sampled
         .par_iter_mut()

@@ -107,20 +107,22 @@ pub fn is_curved(blocks: &Blocks, b: usize, normal: &dyn Fn(usize) -> Vec3) -> b
 }
 
 impl Response {
-    /// How block `b` answers while patches send `radiosity`; `normal` is the one that a patch shows.
-    pub fn new(system: &System, radiosity: &Radiosity, normal: &dyn Fn(usize) -> Vec3, b: usize) -> Self {
+    /// How block `b` answers while patches send `radiosity`, and the variance of one of its samples [lx^2] (luminance); `normal` is the one
+    /// that a patch shows.
+    pub fn new(system: &System, radiosity: &Radiosity, normal: &dyn Fn(usize) -> Vec3, b: usize) -> (Self, f32) {
         let found = &system.sampled[b];
-        let halves = [0, 1].map(|k| System::collect(&found.halves[k], radiosity));
-        let skies = [0, 1].map(|k| system.sky(b, k, None));
+        let gleaned = [0, 1].map(|k| system.glean(b, k, radiosity));
+        let variance = 0.5 * gleaned.iter().map(|half| half.variance(found.drawn.samples())).sum::<f32>();
+        let (halves, skies) = (gleaned.map(|half| half.links), gleaned.map(|half| half.sky));
         let landed = found.halves.iter().map(|h| h.weights.iter().sum::<f32>()).sum::<f32>() * 0.5;
         let mean = values(halves, skies, landed);
         let spread = spread(system.blocks, b, normal);
         if spread < FLAT {
-            return Self::Flat(mean);
+            return (Self::Flat(mean), variance);
         }
         let mut curved = Curved::new(system, radiosity, spread, b);
         curved.scale_to(&mean, system.blocks, normal, b);
-        Self::Curved(Box::new(curved))
+        (Self::Curved(Box::new(curved)), variance)
     }
 
     /// The values about `normal` (unit).

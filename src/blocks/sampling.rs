@@ -134,7 +134,7 @@ impl<'a> Sampling<'a> {
             found.close();
             scratch.arriving = sight.expected;
             let mut backs: Vec<u32> = (found.halves.iter().zip(before[k]))
-                .flat_map(|(half, before)| half.links[before.links..].iter().map(Link::target))
+                .flat_map(|(half, before)| half.links.targets().skip(before.links))
                 .filter(|(_, back)| *back)
                 .map(|(patch, _)| patch as u32)
                 .collect();
@@ -229,7 +229,7 @@ fn write_found(sampled: &Sampled, before: &[Before; 2], words: &mut Vec<u32>) {
     words.extend(sampled.drawn.normals.0.iter().flat_map(|n| n.to_array().map(f32::to_bits)));
     for (half, before) in sampled.halves.iter().zip(before) {
         words.push((half.links.len() - before.links) as u32);
-        words.extend(half.links[before.links..].iter().flat_map(|link| link.to_words()));
+        words.extend(half.links.iter().skip(before.links).flat_map(Link::to_words));
         words.push((half.sky.len() - before.sky) as u32);
         words.extend(half.sky[before.sky..].iter().flat_map(|link| link.to_words()));
         words.push(half.lost - before.lost);

@@ -105,7 +105,7 @@ fn show_alone(
     shows_sky: bool,
     normal: &(dyn Fn(usize) -> Vec3 + Sync),
 ) -> Vec<Rgb> {
-    let respond = |b: usize| Response::new(system, radiosity, &normal, b);
+    let respond = |b: usize| Response::new(system, radiosity, &normal, b).0;
     let responses = (0..field.blocks.fronts()).into_par_iter().with_max_len(SHARE).map(respond).collect();
     let smoothed = smooth(&field.blocks, &field.around, responses);
     let responses = kept_means(field, smoothed.responses, normal);

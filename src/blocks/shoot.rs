@@ -4,8 +4,8 @@ use super::block::Blocks;
 use super::guide::{Aim, Found, Guide, View};
 use super::link::{Drawn, Half, Link, Sight, SkyLink};
 use crate::color::Rgb;
-use crate::light::Lit;
 use crate::light::direct::{Arriving, DirectParams, Receiver, glimpse};
+use crate::light::{Lights, Lit};
 use crate::patch::{Cutter, Footprint, Ground, NONE, SurfacePoint};
 use crate::sample::sequence::{Sequence, Stage};
 use crate::sample::warp::{cosine_hemisphere, frame};
@@ -33,7 +33,7 @@ impl Sampled {
         for half in &mut self.halves {
             half.weights.clear();
             half.weights.reserve_exact(half.links.len());
-            half.weights.extend(half.links.iter().map(|link| drawn.weigh(sight, link)));
+            half.weights.extend(half.links.iter().map(|link| drawn.weigh(sight, &link)));
             half.sky_weights.clear();
             half.sky_weights.reserve_exact(half.sky.len());
             half.sky_weights.extend(half.sky.iter().map(|link| drawn.weigh_sky(sight, link)));
@@ -383,28 +383,23 @@ impl Draw<'_> {
         }
     }
 
-    /// Direct light on the back of patch `i`.
-    pub fn direct_on_back(&self, i: usize) -> Arriving {
-        let Lit { ground, lights, params, .. } = *self.lit;
-        let footprint = ground.footprint(i);
+    /// Direct light on the back of patch `i` from each of several lots of lamps.
+    pub fn direct_on_back(&self, i: usize, lamps: &[(&Lights, &DirectParams)]) -> Vec<Arriving> {
+        let ground = self.lit.ground;
+        let mut footprint = ground.footprint(i);
         if footprint.is_empty() {
-            return Arriving::default();
+            return vec![Arriving::default(); lamps.len()];
         }
-        let sample = |u: [f32; 2]| {
-            let point = footprint.sample(u);
-            SurfacePoint { normal: -point.normal, ..point }.flat()
-        };
+        footprint.turn();
         let position = ground.patches.position[i];
         let receiver = Receiver {
-            sample: &sample,
+            sample: &|u| footprint.sample(u),
             position,
             normal: -ground.patches.normal[i],
             radius: footprint.radius(position),
             sequence: Sequence::new(self.seed, Stage::Back, i as u64),
-            apart: Sequence::new(self.seed, Stage::Back, i as u64),
         };
-        let params = DirectParams { shading_normals: false, first_samples: 1, ..params.clone() };
-        glimpse(ground.scene, ground.tracer, lights, &receiver, &params)
+        glimpse(ground.scene, ground.tracer, lamps, &receiver, &footprint)
     }
 
     pub fn sequence(&self, stage: Stage, b: usize, k: usize) -> Sequence {

@@ -3,6 +3,7 @@
 //! What a patch sends is its own albedo and direct light with its block's interreflected light: as a source, blocks are enough, but
 //! shadows and textures stay sharp. Sweeps repeat until what one more would change is below a residual.
 
+use super::backs::List;
 use super::block::Blocks;
 use super::link::Half;
 use super::shoot::Sampled;
@@ -13,10 +14,14 @@ use crate::patch::NONE;
 use crate::progress::Progress;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Sweeps at most: at an albedo of 0.97 light falls to a thousandth in some 230.
 const MOST_SWEEPS: u32 = 400;
+
+/// Sweeps after which what is left is added at once, as all that are left would bring it (Aitken 1926), and the ratio of two sweeps from
+/// which on too little is known of it.
+const PLAIN: u32 = 2;
+const MOST_RATIO: f64 = 0.9;
 
 /// Patches that a thread takes at least, and blocks that it takes at most.
 const BATCH: usize = 4096;
@@ -38,7 +43,7 @@ pub struct System<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct BackLight {
     /// Of patches that are seen from a front.
-    pub of_patch: HashMap<u32, Rgb>,
+    pub of_patch: List<Rgb>,
     /// The mean over each back block from all lights, and from those that are no surface; backs are numbered from 0.
     pub of_block: Vec<Option<[Rgb; 2]>>,
 }
@@ -56,6 +61,23 @@ impl Radiosity {
     #[inline]
     pub fn at(&self, (patch, back): (usize, bool)) -> Rgb {
         if back { self.backs[patch] } else { self.fronts[patch] }
+    }
+}
+
+/// What a half of a block's samples brings [lx].
+#[derive(Clone, Copy, Default)]
+pub struct Gleaned {
+    pub links: Rgb,
+    pub sky: Rgb,
+    /// The squares of all samples' luminances, added up [lx^2].
+    squares: f32,
+}
+
+impl Gleaned {
+    /// Variance of one of `count` samples [lx^2]; 0 where they are too few to tell.
+    pub fn variance(&self, count: u32) -> f32 {
+        let (sum, count) = (luminance(self.links + self.sky), count as f32);
+        if count < 2.0 { 0.0 } else { (self.squares - sum * sum / count).max(0.0) * count }
     }
 }
 
@@ -95,7 +117,7 @@ impl System<'_> {
             }
         };
         (0..albedo.len()).into_par_iter().with_min_len(BATCH).map(of_back).collect_into_vec(&mut radiosity.backs);
-        for (&i, &direct) in self.on_backs.iter().flat_map(|on_backs| &on_backs.of_patch) {
+        for (i, direct) in self.on_backs.iter().flat_map(|on_backs| on_backs.of_patch.iter()) {
             let i = i as usize;
             radiosity.backs[i] = albedo[i] * (direct + irradiance[blocks.back_of[i] as usize]);
         }
@@ -126,12 +148,36 @@ impl System<'_> {
     pub fn collect(half: &Half, radiosity: &Radiosity) -> Rgb {
         // Most have no tints; what they take off is cheaper than to look for them at each link.
         let white: Rgb =
-            half.links.iter().zip(&half.weights).map(|(l, weight)| radiosity.at(l.target()) * *weight).sum();
+            half.links.targets().zip(&half.weights).map(|(seen, weight)| radiosity.at(seen) * *weight).sum();
         let taken = half.tints.iter().map(|&(k, tint)| {
             let k = k as usize;
-            radiosity.at(half.links[k].target()) * (tint - Rgb::ONE) * half.weights[k]
+            radiosity.at(half.links.get(k).target()) * (tint - Rgb::ONE) * half.weights[k]
         });
         white + taken.sum::<Rgb>()
+    }
+
+    /// What half `k` of block `b` brings, sample by sample.
+    pub fn glean(&self, b: usize, k: usize, radiosity: &Radiosity) -> Gleaned {
+        let half = &self.sampled[b].halves[k];
+        let mut gleaned = Gleaned::default();
+        if half.tints.is_empty() {
+            for (seen, weight) in half.links.targets().zip(&half.weights) {
+                let light = radiosity.at(seen) * *weight;
+                gleaned.links += light;
+                gleaned.squares += luminance(light).powi(2);
+            }
+        } else {
+            for (link, weight, tint) in half.seen() {
+                let light = radiosity.at(link.target()) * tint * weight;
+                gleaned.links += light;
+                gleaned.squares += luminance(light).powi(2);
+            }
+        }
+        self.each_sky(b, k, None, |light| {
+            gleaned.sky += light;
+            gleaned.squares += luminance(light).powi(2);
+        });
+        gleaned
     }
 
     /// Irradiance of every block after one more bounce.
@@ -159,6 +205,8 @@ impl System<'_> {
     ) -> Result<Swept> {
         let mut swept = Swept::default();
         let mut before: Option<f64> = None;
+        // The share that each bounce is of the one before, as far as it is known, and sweeps since it was last made use of.
+        let (mut ratio, mut plain) = (0.9, 0);
         let mut radiosity = Radiosity::default();
         for sweep in 0..most.unwrap_or(MOST_SWEEPS) {
             progress.check()?;
@@ -170,18 +218,29 @@ impl System<'_> {
                 change += f64::from(luminance((next[b] - irradiance[b]).abs())) * area;
                 total += f64::from(luminance(next[b])) * area;
             }
-            *irradiance = next;
+            let old = std::mem::replace(irradiance, next);
             swept.sweeps = u64::from(sweep) + 1;
             if change <= 0.0 || total <= 0.0 {
                 swept.residual = 0.0;
                 break;
             }
             // Each bounce is a share r of the one before; what is left adds up to r / (1 - r) of the last one.
-            let ratio = before.map_or(0.9, |b| (change / b).clamp(0.0, 0.99));
-            swept.residual = change / total * ratio / (1.0 - ratio);
-            before = Some(change);
-            if swept.residual < residual && most.is_none() {
+            if let Some(before) = before {
+                ratio = (change / before).clamp(0.0, 0.99);
+            }
+            let left = ratio / (1.0 - ratio);
+            swept.residual = change / total * left;
+            (before, plain) = (Some(change), plain + 1);
+            if most.is_some() {
+                continue;
+            }
+            if swept.residual < residual {
                 break;
+            }
+            if plain >= PLAIN && ratio < MOST_RATIO {
+                let leap = |(e, old): (&mut Rgb, &Rgb)| *e = (*e + (*e - *old) * left as f32).max(Rgb::ZERO);
+                irradiance.iter_mut().zip(&old).for_each(leap);
+                (before, plain) = (None, 0);
             }
         }
         Ok(swept)

@@ -1,5 +1,6 @@
 //! What of the light of a scene is remembered from bake to bake: openings of texels, the direct light of each lamp, and what blocks see.
 
+use crate::blocks::backs::{BackLamps, Told};
 use crate::blocks::kept::Kept;
 use crate::blocks::{BlockParams, Seen, look, look_again};
 use crate::color::Rgb;
@@ -7,6 +8,7 @@ use crate::digest;
 use crate::error::{Error, Result};
 use crate::light::direct::DirectParams;
 use crate::light::kept::KeptLight;
+use crate::light::parts::{Part, all_units};
 use crate::light::units::Memory;
 use crate::light::{Direct, Lit, Shining};
 use crate::patch::Ground;
@@ -14,7 +16,7 @@ use crate::patch::unocclude::{Exposure, Openings};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::store::Hasher;
+use crate::store::{Hasher, Key};
 use crate::unwrap::Atlas;
 use crate::work::{Change, Work};
 
@@ -87,7 +89,7 @@ impl Memory for Lamps<'_> {
         &self,
         unit: &[Shining],
         wanted: &dyn Fn(&KeptLight) -> bool,
-        make: &dyn Fn() -> Result<KeptLight>,
+        make: &mut dyn FnMut() -> Result<KeptLight>,
     ) -> Result<KeptLight> {
         self.work.once_in_all(DIRECT, |hasher| self.add(unit, hasher), wanted, make, self.progress)
     }
@@ -133,30 +135,49 @@ pub fn see(
     lit: &Lit,
     direct: &Direct,
     params: &BlockParams,
+    parts: &[Part],
     how: Look,
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Sight> {
     let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params);
+    let mut lamps = BackLamps::recall(lit, told(lit, params, parts, work, progress), work)?;
     let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add)? };
     if let Some(kept) = known {
-        return Ok(Sight { seen: Seen::joined(kept, None), is_fresh: false });
+        return Ok(Sight { seen: Seen { kept, lamps }, is_fresh: false });
     }
     if how == Look::Never {
         let message = "what blocks saw can't be read from the cache any more; bake anew";
         return Err(Error::invalid("relight", message));
     }
     let before = if how == Look::Anew { None } else { work.find_before::<Kept>(LINKS, add)? };
-    let again = match &before {
-        Some((kept, change)) => look_again(lit, direct, params, (kept, change), work, progress)?,
-        None => None,
-    };
-    let is_fresh = again.is_none();
-    let seen = match again {
+    let mut seen = None;
+    if let Some((kept, change)) = &before {
+        let own = std::mem::take(&mut lamps);
+        seen = look_again(lit, direct, params, (kept, change), own, work, progress)?;
+        if seen.is_none() {
+            lamps = BackLamps::recall(lit, told(lit, params, parts, work, progress), work)?;
+        }
+    }
+    let is_fresh = seen.is_none();
+    let mut seen = match seen {
         Some(seen) => seen,
-        None => look(lit, direct, params, work, progress)?,
+        None => look(lit, direct, params, lamps, work, progress)?,
     };
-    let (kept, on_backs) = seen.parted();
-    work.keep(LINKS, add, &kept)?;
-    Ok(Sight { seen: Seen::joined(kept, on_backs), is_fresh })
+    work.keep(LINKS, add, &seen.kept)?;
+    seen.lamps.keep(work)?;
+    Ok(Sight { seen, is_fresh })
+}
+
+/// The lamps of `parts`, as the light on backs is remembered by them.
+fn told(lit: &Lit, params: &BlockParams, parts: &[Part], work: &Work, progress: &dyn Progress) -> Vec<Told> {
+    let lamps = Lamps { lit, work, progress };
+    let told = |shining: Vec<Shining>| {
+        let key = Key::of("back light 1", |hasher| {
+            hasher.add_u64(u64::from(params.seed));
+            lamps.add(&shining, hasher);
+        });
+        Told { key, strength: lamps.strength(&shining), shining }
+    };
+    all_units(lit.ground.scene, parts).into_iter().map(told).collect()
 }

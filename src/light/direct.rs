@@ -5,23 +5,22 @@
 //! and without noise. Where some see the light and some don't, a shadow's edge is near: the patch looks closely, with as
 //! many rays as its share needs. What comes out of it may differ from the next patch again, so edges are followed.
 
+use super::close::Close;
 use super::emitter::{Emitter, Sight};
-use super::penumbra::Penumbra;
+use super::first_look::{FirstLook, Looking, first_looks};
 use super::receiver::Site;
-use super::shadow::{Ballot, Examined, Look, Volley, examine, glance};
+use super::shadow::{Look, Volley, examine};
 use super::sharp_sky::add_sky;
 use super::skylight::{self, SkyLook};
 use super::touched::Kept;
 use super::{Lights, Lit};
 use crate::Result;
 use crate::color::{Rgb, luminance};
-use crate::patch::{Cutter, Footprint, NONE, Sparse, footprint::Facet};
+use crate::patch::{Footprint, NONE, Sparse};
 use crate::progress::Progress;
-use crate::sample::sequence::{Sequence, Stage};
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+use glam::DVec3;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -70,6 +69,12 @@ pub struct Direct {
 }
 
 impl Direct {
+    /// No light on so many patches.
+    pub fn dark(patches: usize) -> Self {
+        let transport = Arc::new(vec![Rgb::ZERO; patches]);
+        Self { shown: Sparse::same(Arc::clone(&transport)), transport, inflow: DVec3::ZERO, rays: 0 }
+    }
+
     /// With `other` added.
     pub fn plus(self, other: &Self) -> Self {
         let sum = |a: &[Rgb], b: &dyn Fn(usize) -> Rgb| -> Vec<Rgb> { (0..a.len()).map(|i| a[i] + b(i)).collect() };
@@ -94,12 +99,6 @@ impl Direct {
 pub(super) const BLOCK_LEVEL: u32 = 3;
 /// Blocks that a thread takes at once, at most: those in a penumbra cost far more than others.
 pub(super) const SHARE: usize = 8;
-/// Seeds of units differ by multiples of this.
-const APART: u32 = 0x9E37_79B9;
-/// One of so many blocks tells about the light of all.
-const GLIMPSED: usize = 16;
-/// Blocks that are glanced at before what was seen is put away.
-const BATCH: usize = 2048;
 /// Shadow rays from a patch to one light, at most.
 const MOST_SAMPLES: u32 = 1024;
 /// The same past this share of the time that there is.
@@ -119,83 +118,35 @@ pub(super) const MOST_ROUNDS: usize = 16;
 /// # Errors
 /// `Cancelled`.
 pub fn direct(lit: &Lit, progress: &dyn Progress) -> Result<Direct> {
-    direct_beside(lit, &[], None, progress)
+    let blocks = lit.ground.blocks(BLOCK_LEVEL);
+    let unit = Looking { lit: *lit, kept: None, is_held: true };
+    let first = first_looks(lit, &[unit], &blocks, progress)?.pop().unwrap_or_default();
+    // What a sky brings is added to it where it is found.
+    let around: Vec<f32> = first.means.iter().map(|[lamps, _]| luminance(*lamps)).collect();
+    look_closely(lit, lit.lights, &blocks, &around, first, None, progress)
 }
 
-/// About the direct light that falls on patches, added up [lm], by channel: from a first look at some of them.
+/// The direct light of the lamps of `lit` from a `first` look at them: shadows are looked at closely as the mean light `around` each block [lx]
+/// asks for. Of what is `kept` from before a change, that alone is found anew which the change can touch. `all` are the lamps that patches
+/// are cut for.
 ///
 /// # Errors
 /// `Cancelled`.
-pub(super) fn glimpse_flux(lit: &Lit, progress: &dyn Progress) -> Result<DVec3> {
-    let blocks = lit.ground.blocks(BLOCK_LEVEL);
-    // A block is of one chart.
-    let some: Vec<&Range<usize>> = blocks.iter().filter(|block| !lit.is_known(block.start)).step_by(GLIMPSED).collect();
-    let has_sky = lit.lights.has_sharp_sky();
-    let of_block = |block: &&Range<usize>| {
-        progress.check()?;
-        let all: Vec<usize> = (*block).clone().collect();
-        let found = at_block(lit, block, &all, |sight, emitters, sites| {
-            let mut found = glance(sight, emitters, sites, &mut Volley::default());
-            if has_sky {
-                for ((sum, _), site) in found.iter_mut().zip(sites) {
-                    sum.transport += skylight::look(sight, site.receiver, SkyLook::FIRST).arriving.transport;
-                }
-            }
-            found
-        });
-        let flux = all
-            .iter()
-            .zip(&found)
-            .map(|(&i, (arriving, _))| arriving.transport.as_dvec3() * f64::from(lit.exposure.area[i]));
-        Ok(flux.sum::<DVec3>())
-    };
-    let each: Vec<DVec3> = some.par_iter().with_max_len(SHARE).map(of_block).collect::<Result<_>>()?;
-    Ok(each.iter().sum::<DVec3>() * GLIMPSED as f64)
-}
-
-/// As [`direct`], where `beside` it there is other light [lx], by patch: shadows are looked at less closely in it. Empty: none. Of what is
-/// `kept` from before a change, that alone is found anew which the change can touch.
-///
-/// # Errors
-/// `Cancelled`.
-pub(super) fn direct_beside(lit: &Lit, beside: &[Rgb], kept: Option<&Kept>, progress: &dyn Progress) -> Result<Direct> {
-    let patches = lit.ground.patches;
-    let has_sky = lit.lights.has_sharp_sky();
-    let blocks = lit.ground.blocks(BLOCK_LEVEL);
-    let (mut arriving, mut ballots) = (Vec::with_capacity(patches.len()), Vec::with_capacity(patches.len()));
-    let mut around = Vec::with_capacity(blocks.len());
-    let touched = kept.map(|kept| (kept, kept.touched(lit, &blocks)));
-    for (first, batch) in (0..).step_by(BATCH).zip(blocks.chunks(BATCH)) {
-        let look = |(b, block): (usize, &Range<usize>)| {
-            progress.check()?;
-            progress.advance(block.len() as u64);
-            if let Some((kept, touched)) = &touched
-                && !touched[first + b]
-            {
-                return Ok(block.clone().map(|i| (kept.arriving(i), Ballot::default())).collect());
-            }
-            let all: Vec<usize> = block.clone().collect();
-            Ok(at_block(lit, block, &all, |sight, emitters, sites| {
-                glance(sight, emitters, sites, &mut Volley::default())
-            }))
-        };
-        let glances: Vec<Vec<(Arriving, Ballot)>> =
-            batch.par_iter().enumerate().with_max_len(SHARE).map(look).collect::<Result<_>>()?;
-        around.extend(glances.iter().map(|block| mean_light(block)));
-        for (arrived, ballot) in glances.into_iter().flatten() {
-            arriving.push(arrived);
-            ballots.push(ballot);
-        }
-    }
-    for (around, block) in around.iter_mut().zip(&blocks) {
-        let others = beside.get(block.clone()).unwrap_or_default();
-        *around += others.iter().map(|e| luminance(*e)).sum::<f32>() / block.len() as f32;
-    }
-    let close = Close { lit, blocks: &blocks, around: &around, progress };
+pub(super) fn look_closely(
+    lit: &Lit,
+    all: &Lights,
+    blocks: &[Range<usize>],
+    around: &[f32],
+    first: FirstLook,
+    kept: Option<&Kept>,
+    progress: &dyn Progress,
+) -> Result<Direct> {
+    let (mut arriving, ballots) = first.on_patches(blocks, kept);
+    let close = Close { lit, all, blocks, around, touched: kept.map(Kept::touched), progress };
     let noise = close.follow(ballots, &mut arriving)?;
     close.settle(noise, &mut arriving)?;
-    if has_sky {
-        add_sky(lit, &blocks, &around, &mut arriving, progress)?;
+    if lit.lights.has_sharp_sky() {
+        add_sky(lit, blocks, around, &mut arriving, progress)?;
     }
     let mut inflow = DVec3::ZERO;
     for (i, a) in arriving.iter().enumerate().filter(|(i, _)| lit.ground.casts(*i)) {
@@ -216,213 +167,45 @@ pub fn arrive(scene: &Scene, tracer: &Tracer, lights: &Lights, receiver: &Receiv
     look_at(&sight, receiver, u32::MAX)
 }
 
-/// The same by the first shadow rays alone: noisy in penumbrae, for receivers that are only seen among many others.
+/// What arrives at `receiver`, of which the `footprint` is known, from each of several lots of lamps, by the first shadow rays alone: noisy in
+/// penumbrae, for receivers that are only seen among many others.
 pub fn glimpse(
     scene: &Scene,
     tracer: &Tracer,
-    lights: &Lights,
+    lamps: &[(&Lights, &DirectParams)],
     receiver: &Receiver,
-    params: &DirectParams,
-) -> Arriving {
-    let sight = Sight { scene, tracer, lights, params };
-    look_at(&sight, receiver, 0)
+    footprint: &Footprint,
+) -> Vec<Arriving> {
+    let sight = |&(lights, params): &(_, _)| -> Sight { Sight { scene, tracer, lights, params } };
+    let emitters = |sight: &Sight| sight.emitters(receiver.position, receiver.normal, receiver.radius);
+    let all: Vec<(Sight, Vec<Emitter>)> = lamps.iter().map(sight).map(|sight| (sight, emitters(&sight))).collect();
+    let nearest = all.iter().map(|(sight, emitters)| sight.nearest(emitters, receiver.position));
+    let site = Site::new(receiver, nearest.fold(f32::INFINITY, f32::min), Some(footprint));
+    let mut volley = Volley::default();
+    all.iter().map(|(sight, emitters)| look_from(sight, emitters, &site, 0, &mut volley)).collect()
 }
 
 /// What arrives at `receiver`; the lights whose bits are set in `closely` are looked at closely.
 fn look_at(sight: &Sight, receiver: &Receiver, closely: u32) -> Arriving {
     let emitters = sight.emitters(receiver.position, receiver.normal, receiver.radius);
     let site = Site::new(receiver, 0.0, None);
+    look_from(sight, &emitters, &site, closely, &mut Volley::default())
+}
+
+/// The same at a `site`, from its `emitters`.
+fn look_from(sight: &Sight, emitters: &[Emitter], site: &Site, closely: u32, volley: &mut Volley) -> Arriving {
     // Of the light around nothing is known.
     let error = sight.params.shadow_error;
     let look = Look { closely, around: 0.0, error, most_samples: MOST_ARRIVING, evenly: false };
-    let mut sum = examine(sight, &emitters, &site, look, &mut Volley::default()).arriving;
+    let mut sum = examine(sight, emitters, site, look, volley).arriving;
     let sky = match closely {
         0 => SkyLook::FIRST,
         _ => SkyLook { closely: true, around: luminance(sum.transport), error, most_samples: MOST_ARRIVING },
     };
-    let sky = skylight::look(sight, receiver, sky).arriving;
+    let sky = skylight::look(sight, site.receiver, sky).arriving;
     sum.transport += sky.transport;
     sum.shown += sky.shown;
     sum.other += sky.other;
     sum.rays += sky.rays;
     sum
-}
-
-/// Mean luminance of what arrives at a block's patches [lx].
-fn mean_light(block: &[(Arriving, Ballot)]) -> f32 {
-    block.iter().map(|(a, _)| luminance(a.transport)).sum::<f32>() / block.len() as f32
-}
-
-/// Close looks at the light of blocks.
-struct Close<'a> {
-    lit: &'a Lit<'a>,
-    blocks: &'a [Range<usize>],
-    /// Mean light around each [lx].
-    around: &'a [f32],
-    progress: &'a dyn Progress,
-}
-
-/// Patches that were looked at closely.
-struct Noise {
-    /// The bits of the emitters concerned, by patch.
-    closely: Vec<u32>,
-    /// What is left of noise [lx^2] (luminance), by patch.
-    variance: Vec<f32>,
-}
-
-impl Close<'_> {
-    /// Looks closely wherever a light is disputed, and follows what is found.
-    fn follow(&self, mut ballots: Vec<Ballot>, arriving: &mut [Arriving]) -> Result<Noise> {
-        let lit = self.lit;
-        let mut noise = Noise { closely: vec![0; ballots.len()], variance: vec![0.0; ballots.len()] };
-        // Patches around which something may be disputed that was not before.
-        let mut candidates: Vec<usize> = (0..ballots.len()).filter(|&i| !lit.is_known(i)).collect();
-        for _ in 0..MOST_ROUNDS {
-            let wanted = |i: usize| {
-                let all = lit.ground.neighbours(i).fold(ballots[i], |all, j| all.or(ballots[j]));
-                let disputed = all.disputed(ballots[i]);
-                (disputed & !noise.closely[i] != 0).then_some((i, disputed | noise.closely[i]))
-            };
-            let wanted: Vec<(usize, u32)> = candidates.into_par_iter().filter_map(wanted).collect();
-            let mut next = Vec::new();
-            for (&(i, bits), examined) in
-                wanted.iter().zip(self.examine(&wanted, GRAIN * lit.params.shadow_error, false)?)
-            {
-                noise.closely[i] = bits;
-                let ballot = examined.ballot;
-                examined.replace(&mut arriving[i], &mut noise.variance[i]);
-                if ballot != ballots[i] {
-                    ballots[i] = ballot.or(ballots[i]);
-                    next.extend(lit.ground.neighbours(i));
-                }
-            }
-            if next.is_empty() {
-                break;
-            }
-            next.sort_unstable();
-            next.dedup();
-            candidates = next;
-        }
-        Ok(noise)
-    }
-
-    /// Takes the grain out of penumbrae, and has another look at what the patches around can't tell.
-    fn settle(&self, mut noise: Noise, arriving: &mut [Arriving]) -> Result<()> {
-        let Lit { ground, exposure, .. } = *self.lit;
-        let first = Penumbra::new(ground, exposure, arriving, &noise.variance);
-        let sharp = |(&i, &kept): (&u32, &f32)| (kept > SHARP).then_some((i as usize, noise.closely[i as usize]));
-        let sharp: Vec<(usize, u32)> = first.patches.iter().zip(&first.kept).filter_map(sharp).collect();
-        for (&(i, _), examined) in sharp.iter().zip(self.examine(&sharp, self.lit.params.shadow_error, true)?) {
-            examined.replace(&mut arriving[i], &mut noise.variance[i]);
-        }
-        let settled = if sharp.is_empty() { first } else { Penumbra::new(ground, exposure, arriving, &noise.variance) };
-        settled.settle(arriving);
-        Ok(())
-    }
-
-    /// Examines patches, in order, each with the bits of emitters that it looks at closely.
-    fn examine(&self, wanted: &[(usize, u32)], error: f32, evenly: bool) -> Result<Vec<Examined>> {
-        let block_of = |i: usize| self.blocks.partition_point(|block| block.end <= i);
-        let by_block: Vec<(usize, &[(usize, u32)])> = wanted
-            .chunk_by(|(i, _), (j, _)| self.blocks[block_of(*i)].contains(j))
-            .map(|wanted| (block_of(wanted[0].0), wanted))
-            .collect();
-        let looked: Vec<Vec<Examined>> = by_block
-            .into_par_iter()
-            .with_max_len(SHARE)
-            .map(|(b, wanted)| {
-                self.progress.check()?;
-                let most_samples = self.lit.params.most_samples(self.progress);
-                let (members, bits): (Vec<usize>, Vec<u32>) = wanted.iter().copied().unzip();
-                Ok(at_block(self.lit, &self.blocks[b], &members, |sight, emitters, sites| {
-                    let mut volley = Volley::default();
-                    let look = |(site, bits): (&Site, &u32)| {
-                        let (closely, around) = (*bits, self.around[b]);
-                        let look = Look { closely, around, error, most_samples, evenly };
-                        examine(sight, emitters, site, look, &mut volley)
-                    };
-                    sites.iter().zip(&bits).map(look).collect()
-                }))
-            })
-            .collect::<Result<_>>()?;
-        Ok(looked.into_iter().flatten().collect())
-    }
-}
-
-/// Applies `look` to the sites of `members` of a block, in the light of the block's emitters; buried members have none, and get
-/// the default.
-pub(super) fn at_block<T: Clone + Default>(
-    lit: &Lit,
-    block: &Range<usize>,
-    members: &[usize],
-    look: impl FnOnce(&Sight, &[Emitter], &[Site]) -> Vec<T>,
-) -> Vec<T> {
-    let Lit { ground, exposure, lights, params, .. } = *lit;
-    let patches = ground.patches;
-    let mut all = vec![T::default(); members.len()];
-    if lit.is_known(block.start) {
-        return all;
-    }
-    let mut cutter = Cutter::new(ground);
-    let cut = |k: usize| {
-        let i = members[k];
-        let mut footprint = (!exposure.is_buried(i)).then(|| cutter.footprint(i)).filter(|f| !f.is_empty())?;
-        footprint.restrict(exposure.cells[i]);
-        Some((k, footprint))
-    };
-    let (open, footprints): (Vec<usize>, Vec<Footprint>) = (0..members.len()).filter_map(cut).unzip();
-    if open.is_empty() {
-        return all;
-    }
-    let samples: Vec<_> = footprints.iter().map(|f| |u| f.sample(u)).collect();
-    let receiver = |(k, &member): (usize, &usize)| {
-        let i = members[member];
-        Receiver {
-            sample: &samples[k],
-            position: patches.position[i],
-            normal: patches.normal[i],
-            radius: footprints[k].radius(patches.position[i]),
-            sequence: Sequence::new(params.seed, Stage::Direct, i as u64),
-            apart: Sequence::new(params.seed ^ APART.wrapping_mul(params.unit), Stage::Direct, i as u64),
-        }
-    };
-    let receivers: Vec<Receiver> = open.iter().enumerate().map(receiver).collect();
-    let sight = Sight { scene: ground.scene, tracer: ground.tracer, lights, params };
-    let emitters = emitters(lit, &sight, block);
-    let nearest = |r: &Receiver| sight.nearest(&emitters, r.position);
-    let sites: Vec<Site> = receivers.iter().zip(&footprints).map(|(r, f)| Site::new(r, nearest(r), Some(f))).collect();
-    for (k, found) in open.into_iter().zip(look(&sight, &emitters, &sites)) {
-        all[k] = found;
-    }
-    all
-}
-
-/// Patches of a block whose normals differ from the first one's by no more than this cosine face one way.
-const ONE_WAY: f32 = 0.999;
-
-/// The emitters that can light a block, whichever of its patches are asked for.
-fn emitters(lit: &Lit, sight: &Sight, block: &Range<usize>) -> Vec<Emitter> {
-    let patches = lit.ground.patches;
-    let positions = &patches.position[block.clone()];
-    let centre = positions.iter().sum::<Vec3>() / positions.len() as f32;
-    // A patch reaches beyond its middle by a diagonal at most.
-    let reach = |i: usize| patches.position[i].distance(centre) + (2.0 * patches.area[i]).sqrt();
-    let widest = block.clone().map(reach).fold(0.0, f32::max);
-    let first = patches.normal[block.start];
-    let is_level = block.clone().all(|i| patches.normal[i].dot(first) > ONE_WAY) && !is_shown_round(lit, block);
-    let normal = if is_level { first } else { Vec3::ZERO };
-    sight.emitters(centre, normal, widest)
-}
-
-/// True where some patch of a block is shown rounder than it is, so that it may be lit from below its own horizon.
-fn is_shown_round(lit: &Lit, block: &Range<usize>) -> bool {
-    let Lit { ground, params, .. } = *lit;
-    let mut last = NONE;
-    params.shading_normals
-        && block.clone().any(|i| {
-            let number = ground.patches.first_triangle(i);
-            let is_new = std::mem::replace(&mut last, number) != number;
-            let (surface, triangle) = ground.tracer.place(number);
-            is_new && Facet::new(ground.scene, surface, triangle).is_round()
-        })
 }

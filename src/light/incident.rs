@@ -9,7 +9,8 @@
 //! Cost: about that of direct light without its close looks; none where it isn't asked for.
 
 use super::Lit;
-use super::direct::{BLOCK_LEVEL, Direct, GRAIN, MOST_ARRIVING, SHARE, at_block};
+use super::at_block::at_block;
+use super::direct::{BLOCK_LEVEL, Direct, GRAIN, MOST_ARRIVING, SHARE};
 use super::emitter::{Emitter, Shot, Sight, Way};
 use super::receiver::{Evenness, Receiver, Site};
 use super::shadow::{Look, Volley, examine};
@@ -50,7 +51,7 @@ pub fn incident(lit: &Lit, direct: &Direct, progress: &dyn Progress) -> Result<V
         let all: Vec<usize> = block.clone().collect();
         let arriving = &direct.transport[block.clone()];
         let around = arriving.iter().map(|e| luminance(*e)).sum::<f32>() / arriving.len() as f32;
-        let mut found = at_block(lit, block, &all, |sight, emitters, sites| {
+        let mut found = at_block(lit, lit.lights, block, &all, |sight, emitters, sites| {
             let mut volley = Volley::default();
             sites.iter().map(|site| at_site(sight, emitters, site, around, has_sky, &mut volley)).collect()
         });
@@ -137,7 +138,7 @@ fn beam(sight: &Sight, emitter: Emitter, site: &Site) -> Beam {
         Emitter::Cluster(_, samples) => {
             let mut sum = [0.0; 5];
             for index in 0..samples {
-                let (point, u) = site.draw(index, emitter.set());
+                let (point, u) = site.draw(index, emitter.set(), sight.params.unit);
                 let Some(shot) = emitter.shot(sight, &point, u) else { continue };
                 let towards = direction(&shot);
                 let light = luminance(shot.light[0]) / towards.dot(point.normal).max(f32::EPSILON);

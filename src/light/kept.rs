@@ -9,6 +9,7 @@ use crate::store::Entry;
 use crate::work::Stored;
 use glam::DVec3;
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Channels that differ by less than this share are one.
@@ -27,8 +28,9 @@ pub struct KeptLight {
     /// Flux from lights that are no surface [lm].
     inflow: [f64; 3],
     rays: u64,
-    /// About the flux to patches [lm], by channel.
-    flux: [f64; 3],
+    /// The mean over each block of patches of what arrived at a first look, and the first patch of each.
+    pub means: Vec<Rgb>,
+    pub firsts: Vec<u32>,
     /// How many times as much other light there was beside it when it was found.
     pub beside: f64,
 }
@@ -44,20 +46,25 @@ struct Values {
 }
 
 /// `value` over `strength`, by channel; nothing where there is no strength.
-fn over(value: Rgb, strength: Rgb) -> Rgb {
+pub fn over(value: Rgb, strength: Rgb) -> Rgb {
     let channel = |k: usize| if strength[k] > 0.0 { value[k] / strength[k] } else { 0.0 };
     Rgb::from_array(std::array::from_fn(channel))
 }
 
+/// Means over blocks of what lamps of the strength `strength` cause [lx], at a strength of 1.
+pub(super) fn means_over(means: impl Iterator<Item = Rgb>, strength: Rgb) -> Vec<Rgb> {
+    means.map(|mean| over(mean, strength)).collect()
+}
+
 /// The same for sums.
-pub(super) fn over_strength(sum: DVec3, strength: Rgb) -> DVec3 {
+fn over_strength(sum: DVec3, strength: Rgb) -> DVec3 {
     DVec3::select(strength.cmpgt(Rgb::ZERO), sum / strength.as_dvec3(), DVec3::ZERO)
 }
 
 impl KeptLight {
-    /// What is kept of `direct`, which lamps of the strength `strength` cause: about `flux` at a strength of 1 [lm], with `beside` times as
-    /// much other light around.
-    pub fn new(direct: &Direct, strength: Rgb, flux: DVec3, beside: f64) -> Self {
+    /// What is kept of `direct`, which lamps of the strength `strength` cause, with `beside` times as much other light around. What arrived
+    /// at a first look is told by the first patches of blocks, and the means over these at a strength of 1.
+    pub fn new(direct: &Direct, strength: Rgb, (firsts, means): (Vec<u32>, Vec<Rgb>), beside: f64) -> Self {
         let unit = |value: Rgb| over(value, strength);
         let has = strength.cmpgt(Rgb::ZERO);
         let is_lit = |i: usize| direct.transport[i] != Rgb::ZERO;
@@ -69,14 +76,22 @@ impl KeptLight {
             shown: Values::new(count, differs, |i| unit(direct.shown[i]), has),
             inflow: over_strength(direct.inflow, strength).to_array(),
             rays: direct.rays,
-            flux: flux.to_array(),
+            means,
+            firsts,
             beside,
         }
     }
 
-    /// About the flux to patches at a strength of 1 [lm].
-    pub fn flux(&self) -> DVec3 {
-        DVec3::from_array(self.flux)
+    /// The means over `blocks` of patches that had other numbers and have `numbers` now: nothing where a block isn't one of then.
+    pub fn means_of(&self, numbers: &[u32], blocks: &[Range<usize>]) -> Vec<Rgb> {
+        let mut means = vec![Rgb::ZERO; blocks.len()];
+        for (first, mean) in self.firsts.iter().zip(&self.means) {
+            let now = numbers.get(*first as usize).map(|now| *now as usize);
+            if let Some(block) = now.and_then(|now| blocks.binary_search_by_key(&now, |block| block.start).ok()) {
+                means[block] = *mean;
+            }
+        }
+        means
     }
 
     /// The light of lamps of the strength `strength` on so many patches; `None` where this is of others.
@@ -156,7 +171,7 @@ impl Stored for KeptLight {
     fn sections(&self) -> Vec<Cow<'_, [u8]>> {
         let head: Vec<u8> = [self.transport.count, self.shown.count, self.rays]
             .into_iter()
-            .chain([self.inflow, self.flux].concat().into_iter().chain([self.beside]).map(f64::to_bits))
+            .chain(self.inflow.into_iter().chain([self.beside]).map(f64::to_bits))
             .flat_map(u64::to_le_bytes)
             .collect();
         let words = |values: &'_ Values| Cow::Owned(bytemuck::cast_slice(&values.some).to_vec());
@@ -166,13 +181,15 @@ impl Stored for KeptLight {
             Cow::Borrowed(&self.transport.bytes),
             words(&self.shown),
             Cow::Borrowed(&self.shown.bytes),
+            Cow::Borrowed(bytemuck::cast_slice(&self.means)),
+            Cow::Borrowed(bytemuck::cast_slice(&self.firsts)),
         ]
     }
 
     fn restore(entry: &Entry) -> Option<Self> {
         let &[lit, differing, rays, ref numbers @ ..] = entry.slice::<u64>(0).ok()? else { return None };
         let numbers: Vec<f64> = numbers.iter().map(|bits| f64::from_bits(*bits)).collect();
-        let &[x, y, z, r, g, b, beside] = &numbers[..] else { return None };
+        let &[x, y, z, beside] = &numbers[..] else { return None };
         let values = |count: u64, k: usize| {
             Some(Values { count, some: entry.slice::<u64>(k).ok()?.to_vec(), bytes: entry.section(k + 1).to_vec() })
         };
@@ -181,7 +198,8 @@ impl Stored for KeptLight {
             shown: values(differing, 3)?,
             inflow: [x, y, z],
             rays,
-            flux: [r, g, b],
+            means: entry.slice::<Rgb>(5).ok()?.to_vec(),
+            firsts: entry.slice::<u32>(6).ok()?.to_vec(),
             beside,
         })
     }
@@ -202,7 +220,7 @@ mod tests {
     fn light_comes_back_at_another_strength() {
         let strength = Rgb::new(3.0, 2.0, 0.0);
         let shape = |i: usize| if i.is_multiple_of(3) { 0.0 } else { 1.0 / (1.0 + i as f32) };
-        let grey = KeptLight::new(&direct(|i| strength * shape(i)), strength, DVec3::ONE, 2.0);
+        let grey = KeptLight::new(&direct(|i| strength * shape(i)), strength, (vec![0], vec![Rgb::ONE]), 2.0);
         assert_eq!(grey.transport.bytes.len(), 3 * (0..1000).filter(|i| i % 3 != 0).count(), "one channel does");
         let other = Rgb::new(1.0, 5.0, 0.0);
         let light = grey.light(other, 1000).unwrap();
@@ -214,7 +232,8 @@ mod tests {
         }
         assert!((light.inflow - DVec3::new(1.0, 5.0, 0.0)).abs().max_element() < 1e-12);
         assert!(grey.light(other, 999).is_none(), "of other patches");
-        let tinted = KeptLight::new(&direct(|i| Rgb::new(1.0, 0.5, 0.25) * shape(i)), Rgb::ONE, DVec3::ONE, 0.0);
+        let tinted =
+            KeptLight::new(&direct(|i| Rgb::new(1.0, 0.5, 0.25) * shape(i)), Rgb::ONE, Default::default(), 0.0);
         let light = tinted.light(Rgb::ONE, 1000).unwrap();
         assert!((light.transport[1] - Rgb::new(0.5, 0.25, 0.125)).abs().max_element() < 1e-5);
     }

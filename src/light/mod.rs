@@ -3,9 +3,12 @@
 //! Everything with an area (emissive triangles; rect, disk, sphere and cylinder lights) is a set of polygons in a light tree;
 //! points, spots and suns are delta lights; the sky shines on whatever a ray escapes to.
 
+mod at_block;
+mod close;
 pub mod delta;
 pub mod direct;
 pub mod emitter;
+mod first_look;
 pub mod incident;
 pub mod kept;
 pub mod mask;
@@ -20,7 +23,7 @@ mod sharp_sky;
 pub mod sky;
 mod skylight;
 pub mod terminator;
-mod touched;
+pub mod touched;
 pub mod tree;
 pub mod units;
 

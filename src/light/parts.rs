@@ -5,7 +5,7 @@
 //! none.
 
 use super::direct::Direct;
-use super::units::{Beside, Memory, direct_of};
+use super::units::{Memory, direct_of, units};
 use super::{Lights, Lit, Shining};
 use crate::Result;
 use crate::color::Rgb;
@@ -67,6 +67,20 @@ pub fn parts(scene: &Scene, by_group: bool) -> Vec<Part> {
     keys.into_iter().filter(|key| key.2 != BakeMode::Dynamic).filter_map(part).collect()
 }
 
+/// What shines in each of `parts`, or in all of `scene` where there are none.
+fn of_parts(scene: &Scene, parts: &[Part]) -> Vec<Vec<Shining>> {
+    if parts.is_empty() {
+        let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
+        return vec![all_shining(scene).filter(takes_part).collect()];
+    }
+    parts.iter().map(|part| part.shining.clone()).collect()
+}
+
+/// All lamps of `parts` of the light of `scene`, cut into those whose direct light is found on its own.
+pub fn all_units(scene: &Scene, parts: &[Part]) -> Vec<Vec<Shining>> {
+    of_parts(scene, parts).iter().flat_map(|shining| units(shining)).collect()
+}
+
 /// Everything that shines in `scene`.
 fn all_shining(scene: &Scene) -> impl Iterator<Item = Shining> {
     let glowing = (0..scene.materials.len()).filter(|&m| scene.materials[m].is_emissive()).map(Shining::Material);
@@ -119,27 +133,19 @@ pub fn direct_apart(
     memory: &dyn Memory,
     progress: &dyn Progress,
 ) -> Result<Apart> {
-    let units = if parts.is_empty() { 1 } else { parts.len() };
-    progress.begin("direct", (units * lit.ground.patches.len()) as u64);
-    if parts.is_empty() {
-        let scene = lit.ground.scene;
-        let takes_part = |shining: &Shining| shining.contribution(scene).mode() != BakeMode::Dynamic;
-        let shining: Vec<Shining> = all_shining(scene).filter(takes_part).collect();
-        return Ok(Apart {
-            whole: direct_of(lit, &shining, &mut Beside::default(), memory, progress)?,
-            left_out: None,
-            each: Vec::new(),
-        });
-    }
     let count = lit.ground.patches.len();
-    let mut beside = Beside::default();
+    let all = of_parts(lit.ground.scene, parts);
+    if parts.is_empty() {
+        let mut whole = None;
+        direct_of(lit, &all, memory, progress, &mut |_, found| whole = Some(found))?;
+        return Ok(Apart { whole: whole.unwrap_or_else(|| Direct::dark(count)), left_out: None, each: Vec::new() });
+    }
     let (mut transport, mut shown) = (vec![Rgb::ZERO; count], vec![Rgb::ZERO; count]);
     let mut left_out = None;
     let (mut inflow, mut rays, mut each) = (DVec3::ZERO, 0, Vec::new());
-    for part in parts {
-        let found = direct_of(&Lit { lights: &part.lights, ..*lit }, &part.shining, &mut beside, memory, progress)?;
+    direct_of(lit, &all, memory, progress, &mut |k, found| {
         add(&mut transport, |i| found.transport[i]);
-        let slot = match part.mode {
+        let slot = match parts[k].mode {
             BakeMode::Indirect => left_out.get_or_insert_with(|| vec![Rgb::ZERO; count]),
             BakeMode::Baked | BakeMode::Dynamic => &mut shown,
         };
@@ -148,7 +154,7 @@ pub fn direct_apart(
         if keep {
             each.push(found);
         }
-    }
+    })?;
     let transport = Arc::new(transport);
     let shown = Sparse::new(Arc::clone(&transport), shown.into_iter());
     Ok(Apart { whole: Direct { shown, transport, inflow, rays }, left_out, each })

@@ -5,6 +5,9 @@
 //! so what the differences to the plane have beyond that is detail, and is kept in proportion (Wiener 1949): a soft shadow comes
 //! out smooth with few rays, and the edge of a sharp one stays where it is.
 //!
+//! Where it is known what would arrive with nothing in the way, it is the visible share that is smoothed: light of one lamp alone varies in
+//! ways that shadows have no part in, as close to it or in a corner, and a plane would cut them off.
+//!
 //! Buried patches have no light and say nothing. Patches that are partly buried lie at a wall or a contact, with other light beyond it:
 //! they are looked at once more in place of being smoothed.
 
@@ -40,6 +43,9 @@ pub(super) struct Penumbra {
     /// The share of each one's difference to its plane that is kept.
     pub kept: Vec<f32>,
 }
+
+/// What would arrive unoccluded may differ so many times between patches that share a plane.
+const MOST_UNLIKE: f32 = 4.0;
 
 /// What a plane says of a patch.
 struct Fit {
@@ -109,9 +115,17 @@ impl Fit {
         let mut plane = Plane::default();
         all[..count].iter().for_each(|(_, weight, d)| plane.add(*weight, *d));
         let shares = plane.shares(RIDGE, 1.0)?;
+        let mut ratios = [1.0; 9];
+        for (ratio, (j, ..)) in ratios.iter_mut().zip(&all[..count]) {
+            *ratio = arriving[i].whole / arriving[*j].whole;
+        }
+        let is_known = |ratio: &f32| (MOST_UNLIKE.recip()..=MOST_UNLIKE).contains(ratio);
+        if !ratios[..count].iter().all(is_known) {
+            ratios = [1.0; 9];
+        }
         let (mut value, mut noise) = (Arriving::default(), 0.0);
-        for (j, weight, d) in &all[..count] {
-            let share = shares.of(*weight, *d);
+        for ((j, weight, d), ratio) in all[..count].iter().zip(ratios) {
+            let share = ratio * shares.of(*weight, *d);
             value.transport += arriving[*j].transport * share;
             value.shown += arriving[*j].shown * share;
             value.other += arriving[*j].other * share;

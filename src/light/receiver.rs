@@ -4,7 +4,7 @@ use crate::color::Rgb;
 use crate::patch::{Footprint, SurfacePoint};
 use crate::sample::sequence::Sequence;
 use glam::Vec3;
-use std::sync::OnceLock;
+use std::cell::OnceCell;
 
 /// A place that light is collected at: points drawn from it, and bounds on all of them.
 pub struct Receiver<'a> {
@@ -15,8 +15,6 @@ pub struct Receiver<'a> {
     /// Radius around `position` [m].
     pub radius: f32,
     pub sequence: Sequence,
-    /// The same for sets beyond the first.
-    pub apart: Sequence,
 }
 
 /// What arrives at one receiver.
@@ -26,6 +24,8 @@ pub struct Arriving {
     pub transport: Rgb,
     /// The part of `transport` from lights that are no surface.
     pub other: Rgb,
+    /// About what would arrive with nothing in its way (luminance); infinite where that isn't known, and 0 where it wasn't asked for.
+    pub whole: f32,
     pub rays: u64,
 }
 
@@ -58,9 +58,9 @@ pub(super) struct Site<'a> {
     /// The centres of its flat parts and their shares of the whole; none where they are not known.
     parts: Vec<(SurfacePoint, f32)>,
     /// Points that stand for what is nearer, where they have been asked for.
-    spread: OnceLock<Vec<(SurfacePoint, f32)>>,
-    /// For each point: the place on the receiver, and two more for the place on an emitter.
-    first: [(SurfacePoint, [f32; 2]); FIRST_POINTS],
+    spread: OnceCell<Vec<(SurfacePoint, f32)>>,
+    /// For each point: the place on the receiver, and two more for the place on an emitter. Known once they are asked for.
+    first: OnceCell<[(SurfacePoint, [f32; 2]); FIRST_POINTS]>,
 }
 
 impl<'a> Site<'a> {
@@ -68,20 +68,18 @@ impl<'a> Site<'a> {
     /// known.
     pub fn new(receiver: &'a Receiver<'a>, nearest: f32, footprint: Option<&'a Footprint>) -> Self {
         let parts = footprint.map_or(Vec::new(), Footprint::flat_parts);
-        let first = [(SurfacePoint::NOWHERE, [0.0; 2]); FIRST_POINTS];
-        let mut site = Self { receiver, nearest, footprint, parts, spread: OnceLock::new(), first };
-        for (k, first) in site.first.iter_mut().enumerate() {
-            *first = draw(receiver, k as u32, 0);
-        }
-        site
+        Self { receiver, nearest, footprint, parts, spread: OnceCell::new(), first: OnceCell::new() }
     }
 
-    /// A point, and two random numbers for the other end of a shadow ray. Of the first points there is one set for all.
-    pub fn draw(&self, index: u32, set: u32) -> (SurfacePoint, [f32; 2]) {
-        match self.first.get(index as usize) {
-            Some(first) if set == 0 => *first,
-            _ => draw(self.receiver, index, set),
+    /// A point, and two random numbers for the other end of a shadow ray. Of the first set there is one for all; of others each unit of lamps
+    /// has its own, by number.
+    pub fn draw(&self, index: u32, set: u32, unit: u32) -> (SurfacePoint, [f32; 2]) {
+        if set != 0 {
+            return draw(self.receiver, self.receiver.sequence.apart(unit), index, set);
         }
+        let of_first = |index: usize| draw(self.receiver, self.receiver.sequence, index as u32, 0);
+        let first = self.first.get_or_init(|| std::array::from_fn(of_first));
+        first.get(index as usize).copied().unwrap_or_else(|| of_first(index as usize))
     }
 
     /// Points and their shares of the whole that tell something at `distance` [m] well enough; none where there are none.
@@ -114,7 +112,7 @@ impl<'a> Site<'a> {
         }
         let mut sum = [0.0f32; N];
         for index in 0..count {
-            let (point, u) = self.draw(index, 0);
+            let (point, u) = self.draw(index, 0, 0);
             let value = value(&point, u);
             sum = std::array::from_fn(|k| sum[k] + value[k]);
         }
@@ -122,8 +120,7 @@ impl<'a> Site<'a> {
     }
 }
 
-fn draw(receiver: &Receiver, index: u32, set: u32) -> (SurfacePoint, [f32; 2]) {
-    let sequence = if set == 0 { &receiver.sequence } else { &receiver.apart };
+fn draw(receiver: &Receiver, sequence: Sequence, index: u32, set: u32) -> (SurfacePoint, [f32; 2]) {
     let [x, y, s, t] = sequence.point(index, set);
     ((receiver.sample)([x, y]), [s, t])
 }

@@ -180,8 +180,9 @@ impl Tally {
         Ballot { seen: only(self.levels.seen || is_uneven), blocked: only(self.levels.blocked || is_uneven) }
     }
 
-    /// Adds the emitter's light: the visible share of what is known to arrive unoccluded, or else the mean of the samples.
-    fn arrive(&self, unoccluded: Option<[f32; 2]>, sum: &mut Arriving) {
+    /// Adds the light of an emitter of so much `brightness`: the visible share of what is known to arrive unoccluded, or else the mean of the
+    /// samples.
+    fn arrive(&self, unoccluded: Option<[f32; 2]>, brightness: f32, sum: &mut Arriving) {
         let scale = |k: usize| match unoccluded {
             Some(whole) if self.tried[k] > 0.0 => whole[k] / self.tried[k],
             Some(_) => 0.0,
@@ -191,6 +192,7 @@ impl Tally {
         sum.shown += self.seen[1] * scale(1);
         sum.other += self.other * scale(0);
         sum.rays += u64::from(self.facing);
+        sum.whole += unoccluded.map_or(f32::INFINITY, |whole| whole[0] * brightness);
     }
 
     /// Samples that bring the standard error down to the share `error` of the light `around`, or of the emitter's own where that
@@ -233,7 +235,7 @@ fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: Range<u3
         if index >= samples.end && volley.shots.len() > before {
             break;
         }
-        let (point, u) = site.draw(index, set);
+        let (point, u) = site.draw(index, set, sight.params.unit);
         if let Some(shot) = emitter.shot(sight, &point, u) {
             volley.push(shot);
         }
@@ -244,7 +246,7 @@ fn aim(sight: &Sight, emitter: Emitter, site: &Site, set: u32, samples: Range<u3
 pub(super) fn glance(
     sight: &Sight,
     emitters: &[Emitter],
-    sites: &[Site],
+    sites: &[&Site],
     volley: &mut Volley,
 ) -> Vec<(Arriving, Ballot)> {
     let mut all = vec![(Arriving::default(), Ballot::default()); sites.len()];
@@ -269,7 +271,7 @@ pub(super) fn glance(
             }
             start = end;
             let (sum, ballot) = &mut all[k];
-            tally.arrive(unoccluded, sum);
+            tally.arrive(unoccluded, emitter.brightness(sight), sum);
             *ballot = ballot.or(tally.ballot(emitter.bit()));
         }
     }
@@ -339,7 +341,7 @@ pub(super) fn examine(sight: &Sight, emitters: &[Emitter], site: &Site, look: Lo
                 count = rounded.min(look.most_samples);
             }
         }
-        tally.arrive(unoccluded, &mut found.arriving);
+        tally.arrive(unoccluded, emitter.brightness(sight), &mut found.arriving);
         found.ballot = found.ballot.or(tally.ballot(emitter.bit()));
         if is_close {
             found.variance += tally.variance(light);

@@ -5,7 +5,8 @@
 //! the patch looks closely; what grain is left then is taken out ([`Penumbra`]).
 
 use super::Lit;
-use super::direct::{GRAIN, MOST_ROUNDS, SHARE, SHARP, at_block};
+use super::at_block::at_block;
+use super::direct::{GRAIN, MOST_ROUNDS, SHARE, SHARP};
 use super::penumbra::Penumbra;
 use super::receiver::Arriving;
 use super::shadow::Ballot;
@@ -71,7 +72,7 @@ impl Skies<'_> {
             self.progress.advance(block.len() as u64);
             let all: Vec<usize> = block.clone().collect();
             let mut smooth = 0.0;
-            let found = at_block(self.lit, block, &all, |sight, _, sites| {
+            let found = at_block(self.lit, self.lit.lights, block, &all, |sight, _, sites| {
                 let sum: f32 = sites.iter().map(|site| smooth_glimpse(sight, site.receiver, 0)).sum();
                 smooth = sum / sites.len().max(1) as f32;
                 let glance = SkyLook { closely: false, around: around + smooth, error, most_samples: MOST_EVEN };
@@ -161,7 +162,7 @@ impl Skies<'_> {
                 self.progress.check()?;
                 let most_samples = self.lit.params.most_samples(self.progress);
                 let close = SkyLook { closely: true, around: self.around[b], error, most_samples };
-                let found = at_block(self.lit, &self.blocks[b], members, |sight, _, sites| {
+                let found = at_block(self.lit, self.lit.lights, &self.blocks[b], members, |sight, _, sites| {
                     sites.iter().map(|site| look(sight, site.receiver, close)).collect()
                 });
                 if advance {

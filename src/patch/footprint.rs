@@ -382,6 +382,13 @@ impl Footprint {
         piece.facet.point(at)
     }
 
+    /// Turns it over: what it was the front of is its back, as flat as it is.
+    pub fn turn(&mut self) {
+        for Piece { facet, .. } in &mut self.pieces {
+            (facet.normal, facet.shading) = (-facet.normal, None);
+        }
+    }
+
     /// The largest distance of the footprint from `centre` [m].
     pub fn radius(&self, centre: Vec3) -> f32 {
         let corners = self.pieces.iter().flat_map(|p| p.corners[..p.count].iter().map(|c| p.facet.point(*c).position));

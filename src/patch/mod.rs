@@ -62,6 +62,9 @@ pub struct Patches {
     page_patch: Vec<Vec<u32>>,
 }
 
+/// Slivers of texels are taken to cover this share of them at least.
+const LEAST_COVERAGE: f32 = 1e-3;
+
 /// Marks a patch of several pieces.
 const MANY: u32 = 1 << 31;
 
@@ -116,6 +119,13 @@ impl Patches {
             *run = first as u32..end as u32;
         }
         runs
+    }
+
+    /// A box around patch `i` [m].
+    pub fn around(&self, i: usize) -> [Vec3; 2] {
+        // It reaches beyond its middle by a texel's diagonal at most.
+        let reach = (2.0 * self.area[i] / self.coverage[i].clamp(LEAST_COVERAGE, 1.0)).sqrt();
+        [self.position[i] - reach, self.position[i] + reach]
     }
 
     /// Pieces of patch `i`, at least one: triangle number over all surfaces, in order, and area [m^2].

@@ -48,6 +48,11 @@ impl Sequence {
         Self { seed: (mixed ^ (mixed >> 32)) as u32 }
     }
 
+    /// An unrelated sequence for the same receiver, by its number; 0: this one.
+    pub fn apart(self, number: u32) -> Self {
+        if number == 0 { self } else { Self { seed: self.hash(number) } }
+    }
+
     /// Dimensions `4 set..4 set + 4` of point `index`, each in [0, 1).
     pub fn point(&self, index: u32, set: u32) -> [f32; 4] {
         sobol_burley::sample_4d(index % Self::LENGTH, set % sobol_burley::NUM_DIMENSION_SETS_4D, self.seed)

@@ -104,7 +104,6 @@ fn light_on_backs(elements: &Elements, lit: &Lit, progress: &dyn Progress) -> Re
                     normal: glam::Vec3::ZERO,
                     radius: elements.radius[e],
                     sequence: Sequence::new(params.seed, Stage::Direct, (1 << 40) + (e * BACK_SAMPLES + k) as u64),
-                    apart: Sequence::new(params.seed, Stage::Direct, (1 << 40) + (e * BACK_SAMPLES + k) as u64),
                 };
                 let arriving = arrive(lit.ground.scene, lit.ground.tracer, lit.lights, &receiver, &params);
                 sum.transport += arriving.transport / BACK_SAMPLES as f32;
