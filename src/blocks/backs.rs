@@ -152,7 +152,8 @@ impl BackLamps {
                 Some((known.renumbered(&numbers), Shafts::new(&lights, change)?))
             });
             let params = DirectParams { unit: number, ..params_of_backs(lit.params) };
-            Ok(Unit { key, lights, params, strength, known: found.unwrap_or_default(), before, is_new: false })
+            let (is_new, known) = (found.is_none(), found.unwrap_or_default());
+            Ok(Unit { key, lights, params, strength, known, before, is_new })
         };
         (0..).zip(units).map(recall).collect::<Result<_>>().map(Self)
     }
