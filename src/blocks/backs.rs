@@ -4,6 +4,7 @@
 //! nothing, and after a change those backs alone are looked at anew which it can touch.
 
 use super::SHARE;
+use super::bits::{BitReader, BitWriter};
 use super::shoot::Draw;
 use crate::Result;
 use crate::color::Rgb;
@@ -305,15 +306,32 @@ fn write_list<const N: usize>(list: &List<[Rgb; N]>) -> [Cow<'_, [u8]>; 3] {
         values.extend(value);
     }
     let owned = |bytes: &[u8]| Cow::Owned(bytes.to_vec());
-    [
-        Cow::Borrowed(bytemuck::cast_slice(&list.keys)),
-        owned(bytemuck::cast_slice(&some)),
-        owned(bytemuck::cast_slice(&values)),
-    ]
+    [Cow::Owned(write_keys(&list.keys)), owned(bytemuck::cast_slice(&some)), owned(bytemuck::cast_slice(&values))]
+}
+
+/// Ascending numbers by the gaps between them.
+fn write_keys(keys: &[u32]) -> Vec<u8> {
+    let mut bits = BitWriter::default();
+    bits.put_any(keys.len() as u32);
+    let before = std::iter::once(0).chain(keys.iter().copied());
+    let gaps: Vec<u32> = keys.iter().zip(before).map(|(key, before)| key - before).collect();
+    bits.put_all(gaps.iter().copied());
+    bits.finish()
+}
+
+fn read_keys(bytes: &[u8]) -> Option<Vec<u32>> {
+    let mut bits = BitReader::new(bytes);
+    let (count, mut keys, mut key) = (bits.get_any()?, Vec::new(), 0u32);
+    bits.get_all(count as usize, |gap| {
+        key = key.checked_add(gap)?;
+        keys.push(key);
+        Some(())
+    })?;
+    Some(keys)
 }
 
 fn read_list<const N: usize>(entry: &Entry, section: usize) -> Option<List<[Rgb; N]>> {
-    let keys = entry.slice::<u32>(section).ok()?.to_vec();
+    let keys = read_keys(entry.section(section))?;
     let (some, values) = (entry.slice::<u64>(section + 1).ok()?, entry.slice::<Rgb>(section + 2).ok()?);
     let mut values = values.chunks_exact(N);
     let value = |k: usize| match some.get(k / 64)? >> (k % 64) & 1 {
@@ -321,7 +339,7 @@ fn read_list<const N: usize>(entry: &Entry, section: usize) -> Option<List<[Rgb;
         _ => values.next()?.try_into().ok(),
     };
     let values = (0..keys.len()).map(value).collect::<Option<_>>()?;
-    keys.is_sorted().then_some(List { keys, values })
+    Some(List { keys, values })
 }
 
 impl Stored for Known {
@@ -337,6 +355,15 @@ impl Stored for Known {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_come_back() {
+        for keys in [vec![], vec![0], vec![7, 8, 9, 4_000_000_000]] {
+            let bytes = write_keys(&keys);
+            assert_eq!(read_keys(&bytes), Some(keys));
+        }
+        assert_eq!(read_keys(&[]), None);
+    }
 
     #[test]
     fn lists_are_merged_and_looked_up_in_order() {
