@@ -275,7 +275,7 @@ impl Half {
         self.sky.retain(|_| *kept.next().expect("one a link"));
     }
 
-    /// Adds the `fresh` links of a half, in place of those that it lacks.
+    /// Adds the `fresh` links of a half, in place of those that it lacks; where nothing is lost, form factors add up to 1 again.
     pub fn join(&mut self, fresh: Self) {
         let is_closed = fresh.lost == 0 && self.lost == 0;
         let (first, first_sky) = (self.links.len() as u32, self.sky.len() as u32);
@@ -286,16 +286,7 @@ impl Half {
         self.sky_weights.extend(fresh.sky_weights);
         self.sky_tints.extend(fresh.sky_tints.iter().map(|(k, tint)| (first_sky + k, *tint)));
         if is_closed {
-            self.scale_to(1.0);
-        }
-    }
-
-    /// Scales form factors so that they add up to `sum`, unless something is lost, or they tell too little.
-    pub fn scale_to(&mut self, sum: f32) {
-        let found: f32 = self.weights.iter().chain(&self.sky_weights).sum();
-        if self.lost == 0 && found > 0.0 {
-            let scale = (sum / found).clamp(LEAST_SCALE, LEAST_SCALE.recip());
-            self.weights.iter_mut().chain(&mut self.sky_weights).for_each(|weight| *weight *= scale);
+            self.close(&Drawn::default());
         }
     }
 

@@ -10,7 +10,7 @@ use super::backs::BackLamps;
 use super::block::{Block, Blocks};
 use super::field::Field;
 use super::kept::{GONE, Kept, OldBlocks, Targets};
-use super::link::{Half, Link, Normals, Sight};
+use super::link::{Half, Link, Sight};
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
 use super::{BlockParams, Seen, kept};
 use crate::Result;
@@ -18,12 +18,12 @@ use crate::color::Rgb;
 use crate::light::{Direct, Lit};
 use crate::patch::NONE;
 use crate::progress::Progress;
-use crate::sample::sequence::{Sequence, Stage};
+use crate::sample::sequence::Stage;
 use crate::sample::warp::{cap, frame};
 use crate::work::{Change, Work};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use std::f32::consts::{PI, TAU};
 
 /// Samples in each half of blocks of which nothing is known.
 const NEW: u32 = 128;
@@ -36,10 +36,6 @@ const LEAST: u32 = 4;
 
 /// Numbers of points from here on are those of samples towards boxes.
 const FIRST_POINT: u32 = 1 << 20;
-
-/// The same of directions that form factors are measured by, and how many times as many of them there are: they aren't followed.
-const FIRST_MEASURE: u32 = 1 << 24;
-const MEASURED: u32 = 4;
 
 /// Quarterings from the coarsest blocks to single texels.
 const LEVELS: usize = 3;
@@ -66,51 +62,32 @@ impl<'a> Towards<'a> {
         Self { from, reach: blocks.members(b).iter().map(reach).fold(0.0, f32::max), boxes }
     }
 
-    /// Directions near the boxes, of block `b`, as close as `count` in each half over the hemisphere are, and closer; and form factors
-    /// of all such directions, for each half, about its `normals`.
-    fn aim(&self, draw: &Draw, b: usize, count: u32, normals: &Normals) -> (Vec<Aimed>, [f32; 2]) {
+    /// Directions near the boxes, of block `b`, as close as `count` in each half over the hemisphere are, and closer.
+    fn aim(&self, draw: &Draw, b: usize, count: u32) -> Vec<Aimed> {
         let wanted = |cone: Cone| {
             let wanted = (CLOSER * count as f32 * cone.solid_angle / PI).ceil() as u32;
             (cone, wanted.clamp(LEAST, 2 * count.max(LEAST)))
         };
         let cones: Vec<(Cone, u32)> = self.boxes.iter().map(|bounds| wanted(self.cone(bounds))).collect();
-        let (mut aimed, mut form_factors) = (Vec::new(), [0.0; 2]);
-        for (half, form_factor) in form_factors.iter_mut().enumerate() {
+        let density = |(cone, samples): &(Cone, u32)| *samples as f32 / cone.solid_angle;
+        let mut aimed = Vec::new();
+        for half in 0..2 {
             let sequence = draw.sequence(Stage::Block, b, half);
-            self.draw(&sequence, FIRST_POINT, &cones, 1, |place, direction, expected| {
-                aimed.push(Aimed { half, place, direction, expected });
-            });
-            self.draw(&sequence, FIRST_MEASURE, &cones, MEASURED, |_, direction, expected| {
-                let cos = if normals.0.is_empty() { 0.0 } else { normals.facing(direction).0 };
-                *form_factor += FRAC_1_PI * cos / expected;
-            });
-        }
-        (aimed, form_factors)
-    }
-
-    /// Draws `times` as many directions in each cone as it is to have, by the points from number `index` on, and calls `take` with those near a
-    /// box: two numbers more, the direction, and how many are expected around it [1/sr].
-    fn draw(
-        &self,
-        sequence: &Sequence,
-        mut index: u32,
-        cones: &[(Cone, u32)],
-        times: u32,
-        mut take: impl FnMut([f32; 2], Vec3, f32),
-    ) {
-        let density = |(cone, samples): &(Cone, u32)| (times * *samples) as f32 / cone.solid_angle;
-        for (cone, samples) in cones {
-            let frame = frame(cone.axis);
-            for _ in 0..times * *samples {
-                let [x, y, u, v] = sequence.point(index, 0);
-                index += 1;
-                let direction = frame * cap([u, v], cone.cos);
-                if self.is_near(direction) {
-                    let expected = cones.iter().filter(|(cone, _)| cone.holds(direction)).map(density).sum();
-                    take([x, y], direction, expected);
+            let mut index = FIRST_POINT;
+            for (cone, samples) in &cones {
+                let frame = frame(cone.axis);
+                for _ in 0..*samples {
+                    let [x, y, u, v] = sequence.point(index, 0);
+                    index += 1;
+                    let direction = frame * cap([u, v], cone.cos);
+                    if self.is_near(direction) {
+                        let expected = cones.iter().filter(|(cone, _)| cone.holds(direction)).map(density).sum();
+                        aimed.push(Aimed { half, place: [x, y], direction, expected });
+                    }
                 }
             }
         }
+        aimed
     }
 
     /// The cone that all directions near a box are in.
@@ -300,16 +277,14 @@ fn sample_touched(
         match same[b] {
             Some(_) => {
                 let towards = Towards::new(lit, blocks, b, &change.boxes);
-                let (aimed, form_factors) = towards.aim(&draw, b, counts[b], &found.drawn.normals);
+                let aimed = towards.aim(&draw, b, counts[b]);
                 let mut fresh = Sampled::default();
                 draw.along(b, &aimed, &mut fresh, scratch);
-                let halves = found.halves.iter_mut().zip(fresh.halves).zip(form_factors);
-                halves.for_each(|((half, mut fresh), form_factor)| {
-                    fresh.scale_to(form_factor);
+                for (half, mut fresh) in found.halves.iter_mut().zip(fresh.halves) {
                     // As links are told apart when they are dropped.
                     towards.retain(&mut fresh, true, lit, &blocks.list[b], |_| true);
                     half.join(fresh);
-                });
+                }
             }
             None => {
                 let hemisphere = counts[b];
