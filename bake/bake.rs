@@ -80,8 +80,9 @@ pub fn carry_out(
     let report = workers(&settings)?.install(|| job(&scene, &folder, &settings, console))?;
     console.finish();
     console.warnings(&report.warnings);
-    // What blocks see is put together from parts by whoever wants it.
-    let work = report.reused.iter().filter(|(kind, _)| *kind != "links").map(|(_, tally)| tally);
+    // What blocks see is put together from parts by whoever wants it, and light on backs is found on the way.
+    let is_shared = |kind: &str| !["links", "backs", "places"].contains(&kind);
+    let work = report.reused.iter().filter(|(kind, _)| is_shared(kind)).map(|(_, tally)| tally);
     let (found, made) = work.fold((0, 0), |(f, m), tally| (f + tally.reused, m + tally.anew));
     let mut summary = report.summary();
     if settings.shard.is_some() {

@@ -103,6 +103,8 @@ fn order(plan: Plan, own: Settings, output: Option<&Path>) -> Order {
         shard: own.shard,
         threads: own.threads,
         overwrite: own.overwrite,
+        // What one machine remembers of earlier bakes, others don't.
+        fresh_places: true,
         ..plan.settings
     };
     Order { scene: plan.scene, folder, settings, file: None, merges: false }

@@ -114,8 +114,6 @@ impl Plan {
         // What a machine has of its own.
         settings.threads = None;
         settings.overwrite = false;
-        // What one machine remembers of earlier bakes, others don't.
-        settings.fresh_places = true;
         let estimate = estimate_of(&loaded.scene, &settings);
         Ok((Self { folder, scene, inputs, settings, cache, shards, estimate }, loaded.warnings))
     }

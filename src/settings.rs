@@ -202,6 +202,7 @@ pub struct Settings {
     /// Replace another scene's bake in the output folder.
     pub overwrite: bool,
     /// Lays out all surfaces anew, though the places of some are known from an earlier bake.
+    #[serde(skip_serializing)]
     pub fresh_places: bool,
     /// Folder of results that later bakes find again; none: nothing is kept.
     #[serde(skip_serializing)]

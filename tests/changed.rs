@@ -1,9 +1,11 @@
 //! Objects that come, go and change: the others keep their places on pages and what is known of their light.
 
+mod files;
 mod support;
 
+use files::Folder;
 use glam::{Affine3A, Vec3};
-use lumel::color::{Rgb, luminance};
+use lumel::color::Rgb;
 use lumel::illuminate::kept::add_base;
 use lumel::illuminate::state::State;
 use lumel::illuminate::{Illuminated, illuminate, illuminate_with};
@@ -17,25 +19,8 @@ use lumel::work::Work;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use support::{measure::block, mesh_scene, room, sphere};
-
-/// A folder of its own, gone at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lumel-changed-{name}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
+use support::measure::{block, differences};
+use support::{mesh_scene, room, sphere};
 
 /// Something in the room: its name, the corner where it stands and its size [m]. A ball, which needs an unwrapper, is as wide as that.
 type Thing = (&'static str, [f32; 3], [f32; 3]);
@@ -191,18 +176,6 @@ fn base(scene: &Scene, atlas: &Atlas) -> Key {
 
 fn state(scene: &Scene, atlas: &Atlas, lit: &Illuminated) -> State {
     State::new(scene, atlas, base(scene, atlas), &lit.patches.runs(scene.surfaces.len()))
-}
-
-/// Root mean square of the differences of luminance between two bakes of the same texels, over the mean, and that of the means.
-fn differences(a: &Illuminated, b: &Illuminated) -> (f64, f64) {
-    let (mut square, mut bias, mut sum, mut area) = (0.0, 0.0, 0.0, 0.0);
-    for i in 0..a.patches.len() {
-        let w = f64::from(b.patches.area[i]);
-        let [x, y] = [a, b].map(|lit| f64::from(luminance(lit.gathered.irradiance[i])));
-        (square, bias) = (square + w * (x - y).powi(2), bias + w * (x - y));
-        (sum, area) = (sum + w * y, area + w);
-    }
-    ((square / area).sqrt() / (sum / area), bias / sum)
 }
 
 #[test]

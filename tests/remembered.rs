@@ -1,9 +1,11 @@
 //! What bakes remember: the same to the bit where nothing has changed, as good as a bake anew where something has.
 
+mod files;
 mod support;
 
+use files::Folder;
 use glam::{Affine3A, Vec3};
-use lumel::color::{Rgb, luminance};
+use lumel::color::Rgb;
 use lumel::illuminate::kept::add_base;
 use lumel::illuminate::state::State;
 use lumel::illuminate::{Illuminated, illuminate, illuminate_with};
@@ -13,26 +15,9 @@ use lumel::settings::{Normals, Settings};
 use lumel::store::{Key, Store};
 use lumel::unwrap::Atlas;
 use lumel::work::Work;
-use std::path::PathBuf;
 use std::time::Duration;
+use support::measure::differences;
 use support::{Quad, atlas, room, scene};
-
-/// A folder of its own, gone at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lumel-remembered-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 /// A room with a table, whose place is `at`, a lamp and a glowing panel. The table's quads are the last five.
 fn furnished(at: [f32; 2]) -> (Scene, Atlas) {
@@ -74,18 +59,6 @@ fn remembering(scene: &Scene, atlas: &Atlas, store: &Store) -> Illuminated {
 
 fn bits(lit: &Illuminated) -> Vec<[u32; 3]> {
     lit.lightmap.pages.iter().flat_map(|page| &page.rgb).map(|c| c.to_array().map(f32::to_bits)).collect()
-}
-
-/// Root mean square of the differences of luminance between two bakes of the same texels, over the mean, and that of the means.
-fn differences(a: &Illuminated, b: &Illuminated) -> (f64, f64) {
-    let (mut square, mut bias, mut sum, mut area) = (0.0, 0.0, 0.0, 0.0);
-    for i in 0..a.patches.len() {
-        let w = f64::from(b.patches.area[i]);
-        let [x, y] = [a, b].map(|lit| f64::from(luminance(lit.gathered.irradiance[i])));
-        (square, bias) = (square + w * (x - y).powi(2), bias + w * (x - y));
-        (sum, area) = (sum + w * y, area + w);
-    }
-    ((square / area).sqrt() / (sum / area), bias / sum)
 }
 
 #[test]

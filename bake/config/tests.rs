@@ -51,7 +51,7 @@ fn the_command_line_wins_over_the_file_and_the_file_over_the_defaults() {
 fn every_setting_has_its_option() {
     let line = "--quality draft --resolution 256 --max-pages 2 --padding 3 --mips 2 --align 4 --min-chart 2 --unwrapper uvunwrap --uv keep --uv-name st1 --normals geometric \
                 --quantity irradiance --float --max-bounces 4 --seed 5 --threads 2 --sky 1,2,0.1 --sun 40,180,8e4 \
-                --gltf engine,vertex --vertex-colors u16 --lights remove --bake-lights indirect --ao-distance 2 --dump-stages d --overwrite --fresh-places --solver progressive --form-factors hemicube --hemicube 32 \
+                --gltf engine,vertex --vertex-colors u16 --lights remove --bake-lights indirect --ao-distance 2 --dump-stages d --overwrite --solver progressive --form-factors hemicube --hemicube 32 \
                 --elements 100 --iterations 7 --overshoot=false --ambient=false --caustics=false --gather auto --directional sh --probes 2 --layers direct,ao --watch w \
                 --watch-every 3 --variant /a:b=c --subdivide 1 --purpose proxy --confine d \
                 --strict --max-texture 9 --max-texels 9 --max-memory 4G --for bevy --encoding exr,ktx2-half \

@@ -128,6 +128,18 @@ pub fn off(test: &Illuminated, truth: &Illuminated, near: &dyn Fn(Vec3) -> bool)
     off
 }
 
+/// Root mean square of the differences of luminance between two bakes of the same texels, over the mean, and that of the means.
+pub fn differences(a: &Illuminated, b: &Illuminated) -> (f64, f64) {
+    let (mut square, mut bias, mut sum, mut area) = (0.0, 0.0, 0.0, 0.0);
+    for i in 0..a.patches.len() {
+        let w = f64::from(b.patches.area[i]);
+        let [x, y] = [a, b].map(|lit| f64::from(luminance(lit.gathered.irradiance[i])));
+        (square, bias) = (square + w * (x - y).powi(2), bias + w * (x - y));
+        (sum, area) = (sum + w * y, area + w);
+    }
+    ((square / area).sqrt() / (sum / area), bias / sum)
+}
+
 /// Error that a bake by blocks states.
 pub fn stated(baked: &Illuminated) -> f64 {
     let exchanged = baked.exchanged.expect("no blocks");
