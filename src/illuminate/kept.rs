@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::light::direct::DirectParams;
 use crate::light::kept::KeptLight;
 use crate::light::parts::{Part, all_units};
+use crate::light::touched::keeps_links;
 use crate::light::units::Memory;
 use crate::light::{Direct, Lit, Shining};
 use crate::patch::Ground;
@@ -82,7 +83,8 @@ impl Memory for Lamps<'_> {
     }
 
     fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>> {
-        self.work.find_before(DIRECT, |hasher| self.add(unit, hasher))
+        let before = self.work.find_before(DIRECT, |hasher| self.add(unit, hasher))?;
+        Ok(before.filter(|(_, change)| keeps_links(self.lit.ground.scene, unit, change)))
     }
 
     fn once(
