@@ -2,6 +2,7 @@
 
 use super::args::{CacheArgs, CacheCommand, CachePlace};
 use super::console::Console;
+use super::destination;
 use super::failure::Failure;
 use super::interrupt;
 use super::print::{self, Table, count, number, seconds};
@@ -11,9 +12,6 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::SystemTime;
-
-/// The cache's folder within an output folder.
-const FOLDER: &str = ".lumel";
 
 /// What entries of other versions of the program are listed as.
 const OTHER: &str = "another version";
@@ -33,7 +31,7 @@ pub fn cache(args: &CacheArgs, console: &Console) -> Result<(), Failure> {
 fn open(place: &CachePlace) -> Result<Store, Error> {
     match (&place.cache, &place.output) {
         (Some(cache), _) => Store::open_existing(cache),
-        (None, output) => Store::open_existing(&output.as_deref().unwrap_or(Path::new(".")).join(FOLDER)),
+        (None, output) => Store::open_existing(&destination::cache(output.as_deref().unwrap_or(Path::new(".")))),
     }
 }
 

@@ -64,6 +64,8 @@ pub struct Change {
     pub runs: Vec<Option<Range<u32>>>,
     /// Patches before.
     pub patches: u32,
+    /// Some surfaces that haven't changed have other numbers than before: what is by number may be about others.
+    pub renumbers: bool,
 }
 
 impl Change {

@@ -119,6 +119,45 @@ fn a_moved_object_changes_what_it_can_touch() {
     assert!(differences(&stale, &full).0 > 0.05);
 }
 
+/// Quads side by side on one page, whose edges lie in the middle of texels that they share.
+fn crowded(count: usize, texels: u32) -> Atlas {
+    let mut all = atlas(count, texels);
+    let columns = (count as f64).sqrt().ceil() as u32;
+    let side = texels as f32 + 0.5;
+    let size = (columns as f32 * side).ceil() as u32 + 1;
+    for (i, uvs) in all.meshes.iter_mut().enumerate() {
+        let (x, y) = ((i as u32 % columns) as f32 * side, (i as u32 / columns) as f32 * side);
+        let at = |dx: f32, dy: f32| glam::Vec2::new(x + dx, y + dy) / size as f32;
+        let [a, b, c, d] = [at(0.0, 0.0), at(side, 0.0), at(side, side), at(0.0, side)];
+        uvs.corners = vec![[a, b, c], [a, c, d]];
+    }
+    Atlas { pages: vec![[size, size]], ..all }
+}
+
+#[test]
+fn what_shares_texels_with_something_that_moves_goes_on_sending_light() {
+    let folder = Folder::new("shared");
+    let store = Store::open(&folder.0).unwrap();
+    let (scene, _) = furnished([1.0, 1.0]);
+    let atlas = crowded(scene.surfaces.len(), 16);
+    let first = remembering(&scene, &atlas, &store);
+    let mut known = state(&scene, &atlas, &first);
+    let mut last = None;
+    for at in [[2.6, 3.2], [1.2, 3.0], [2.2, 1.0], [0.6, 2.0], [2.8, 2.2]] {
+        let moved = furnished(at).0;
+        let (key, change) = State::new(&moved, &atlas, base(&moved, &atlas), &[]).since(&known).unwrap();
+        let work = Work::new(&store, base(&moved, &atlas), None, Duration::MAX).after(key, change);
+        let lit = illuminate_with(&moved, &atlas, &settings(), &work, &Silent).unwrap();
+        known = state(&moved, &atlas, &lit);
+        last = Some((moved, lit));
+    }
+    let (moved, again) = last.unwrap();
+    let full = illuminate(&moved, &atlas, &settings(), &Silent).unwrap();
+    let (rms, bias) = differences(&again, &full);
+    println!("rms {:.3} %, bias {:+.3} %", 100.0 * rms, 100.0 * bias);
+    assert!(rms < 0.025 && bias.abs() < 0.005, "{rms} {bias}");
+}
+
 #[test]
 fn many_moves_make_no_light_and_heap_up_no_links() {
     let folder = Folder::new("moves");

@@ -310,6 +310,24 @@ impl Output for Failing {
 }
 
 #[test]
+fn a_folder_that_goes_while_an_entry_is_written_is_made_again() {
+    let folder = Folder::new("gone");
+    let made = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&made);
+    let create = move |path: &Path| -> io::Result<Box<dyn Output>> {
+        // Another bake lets go of the parts of its work, in the same folder.
+        if count.fetch_add(1, Ordering::Relaxed) == 0 {
+            fs::remove_dir_all(path.parent().unwrap())?;
+        }
+        Ok(Box::new(File::create_new(path)?))
+    };
+    let store = Store::open_with(&folder.0, Box::new(create)).unwrap();
+    store.write("part", key(1), &[b"abc"]).unwrap();
+    assert_eq!(made.load(Ordering::Relaxed), 2);
+    assert_eq!(store.read("part", key(1)).unwrap().unwrap().section(0), b"abc");
+}
+
+#[test]
 fn a_write_that_fails_leaves_nothing_behind() {
     let folder = Folder::new("failing");
     let (sections, made): ([&[u8]; 2], _) = ([&[1; 100], &[2; 100]], Arc::new(AtomicUsize::new(0)));

@@ -10,7 +10,7 @@ use crate::Result;
 use crate::color::Rgb;
 use crate::light::direct::DirectParams;
 use crate::light::kept::over;
-use crate::light::touched::Shafts;
+use crate::light::touched::{Shafts, keeps_links};
 use crate::light::{Lights, Lit, Shining};
 use crate::patch::{Ground, NONE};
 use crate::progress::Progress;
@@ -148,6 +148,7 @@ impl BackLamps {
                 Some(_) => None,
                 None => work.find_before(BACKS, |hasher| hasher.add_key(key))?,
             };
+            let before = before.filter(|(_, change)| keeps_links(lit.ground.scene, &shining, change));
             let before = before.and_then(|(known, change): (Known, _)| {
                 let numbers = change.numbers(&lit.ground.runs())?;
                 Some((known.renumbered(&numbers), Shafts::new(&lights, change)?))

@@ -43,8 +43,8 @@ pub struct Kept {
     pub order: Vec<u8>,
     /// Blocks that are no backs; they come first.
     pub fronts: u32,
-    /// The end of each block's bytes in `links`.
-    pub ends: Vec<u32>,
+    /// The end of each block's bytes in `links`. It holds their lengths where it is stored.
+    pub ends: Vec<usize>,
     pub links: Vec<u8>,
     /// The light that blocks had when links were last looked along [lx]: where sweeps start.
     pub irradiance: Vec<Rgb>,
@@ -69,17 +69,12 @@ pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -
         bits.finish()
     };
     let each: Vec<Vec<u8>> = (0..blocks.list.len()).into_par_iter().with_max_len(SHARE).map(encode).collect();
-    let mut end = 0;
-    let ends = each.iter().map(|bytes| {
-        end += bytes.len() as u32;
-        end
-    });
     let (back_patches, back_blocks) = field.lit_backs();
     Kept {
         shapes: write_shapes(&blocks.list),
         order: write_order(&blocks.order),
         fronts: blocks.fronts() as u32,
-        ends: ends.collect(),
+        ends: ends(each.iter().map(Vec::len)),
         links: each.concat(),
         irradiance: field.irradiance.clone(),
         flux: field.flux(),
@@ -88,6 +83,15 @@ pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -
         gain,
         rays: field.rays,
     }
+}
+
+/// Where each of so many bytes ends, one after the other.
+fn ends(lengths: impl Iterator<Item = usize>) -> Vec<usize> {
+    let end = |sum: &mut usize, length: usize| {
+        *sum += length;
+        Some(*sum)
+    };
+    lengths.scan(0, end).collect()
 }
 
 impl Kept {
@@ -129,8 +133,8 @@ impl Kept {
     }
 
     fn bytes(&self, b: usize) -> Option<&[u8]> {
-        let start = if b == 0 { 0 } else { *self.ends.get(b - 1)? as usize };
-        self.links.get(start..*self.ends.get(b)? as usize)
+        let start = if b == 0 { 0 } else { *self.ends.get(b - 1)? };
+        self.links.get(start..*self.ends.get(b)?)
     }
 
     /// What each of `blocks` has seen; `None` where that can't be, and what is kept is of something else.
@@ -225,22 +229,35 @@ impl Stored for Kept {
             .chain(self.flux.map(f64::to_bits))
             .flat_map(u64::to_le_bytes)
             .collect();
-        let lists = [&self.ends, &self.back_patches, &self.back_blocks].map(|list| bytemuck::cast_slice(list));
+        let starts = std::iter::once(&0).chain(&self.ends);
+        let lengths: Vec<u32> = self.ends.iter().zip(starts).map(|(end, start)| (end - start) as u32).collect();
         let light: &[u8] = bytemuck::cast_slice(&self.irradiance);
-        let bytes = [&self.shapes[..], &self.links, light].into_iter().chain(lists).chain([&self.order[..]]);
-        [Cow::Owned(head)].into_iter().chain(bytes.map(Cow::Borrowed)).collect()
+        vec![
+            Cow::Owned(head),
+            Cow::Borrowed(&self.shapes[..]),
+            Cow::Borrowed(&self.links[..]),
+            Cow::Borrowed(light),
+            Cow::Owned(bytemuck::cast_slice(&lengths).to_vec()),
+            Cow::Borrowed(bytemuck::cast_slice(&self.back_patches)),
+            Cow::Borrowed(bytemuck::cast_slice(&self.back_blocks)),
+            Cow::Borrowed(&self.order[..]),
+        ]
     }
 
     fn restore(entry: &Entry) -> Option<Self> {
         let &[gain, rays, fronts, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
         let list = |k: usize| Some(entry.slice::<u32>(k).ok()?.to_vec());
+        let ends = ends(entry.slice::<u32>(4).ok()?.iter().map(|length| *length as usize));
+        if ends.last().copied().unwrap_or(0) != entry.section(2).len() {
+            return None;
+        }
         Some(Self {
             shapes: entry.section(1).to_vec(),
             order: entry.section(7).to_vec(),
             fronts: u32::try_from(fronts).ok()?,
             links: entry.section(2).to_vec(),
             irradiance: entry.slice::<Rgb>(3).ok()?.to_vec(),
-            ends: list(4)?,
+            ends,
             back_patches: list(5)?,
             back_blocks: list(6)?,
             flux: flux.iter().map(|bits| f64::from_bits(*bits)).collect::<Vec<_>>().try_into().ok()?,
@@ -421,4 +438,15 @@ pub fn way(block: &Block, position: Vec3) -> Vec3 {
     let direction = (position - block.centre).try_normalize().unwrap_or(block.normal);
     let below = LEAST_COS - direction.dot(block.normal);
     if below > 0.0 { (direction + block.normal * below).normalize() } else { direction }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_may_take_more_than_four_gigabytes() {
+        let lengths = [u32::MAX as usize, 0, 2];
+        assert_eq!(ends(lengths.into_iter()), [0xffff_ffff, 0xffff_ffff, 0x1_0000_0001]);
+    }
 }

@@ -124,9 +124,14 @@ impl Links {
         self.targets.is_empty()
     }
 
+    /// True where their ways are known.
+    pub fn have_ways(&self) -> bool {
+        self.ways.len() == self.targets.len()
+    }
+
     /// Adds a link; without a way where others have none.
     pub fn push(&mut self, link: Link) {
-        if self.ways.len() == self.targets.len() {
+        if self.have_ways() {
             self.ways.push(Way { direction: link.direction, pdf_area: link.pdf_area });
         }
         self.targets.push(link.target);

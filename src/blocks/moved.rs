@@ -11,6 +11,7 @@ use super::block::{Block, Blocks};
 use super::field::Field;
 use super::kept::{GONE, Kept, OldBlocks, Targets};
 use super::link::{Half, Link, Sight};
+use super::respond::is_curved;
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
 use super::{BlockParams, Seen, kept};
 use crate::Result;
@@ -155,7 +156,7 @@ impl Cone {
 /// Half the diagonal of a cube of side 2.
 const SQRT_3: f32 = 1.732_050_8;
 
-/// Finds what blocks see, where it is known from `kept` but for a `change`; `None` where that is of other texels.
+/// Finds what blocks see, where it is known from `kept` but for a `change`; where that is of other texels, the `lamps` come back.
 ///
 /// # Errors
 /// `Cancelled`.
@@ -167,21 +168,27 @@ pub fn look_again(
     lamps: BackLamps,
     work: &Work,
     progress: &dyn Progress,
-) -> Result<Option<Seen>> {
+) -> Result<std::result::Result<Seen, BackLamps>> {
     progress.begin("links", 0);
     let (kept, change) = before;
-    let Some(numbers) = change.numbers(&lit.ground.runs()) else { return Ok(None) };
-    let Some(old) = kept.old_blocks(&numbers, lit.ground.patches.len()) else { return Ok(None) };
+    let Some(numbers) = change.numbers(&lit.ground.runs()) else { return Ok(Err(lamps)) };
+    let Some(old) = kept.old_blocks(&numbers, lit.ground.patches.len()) else { return Ok(Err(lamps)) };
     let normals = super::shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
     let blocks = like(lit, &old);
     let is_changed =
         |b: &Block| change.surfaces[lit.ground.patches.surface(blocks.order[b.first as usize] as usize) as usize];
     // The old block that each is the same as.
-    let same: Vec<Option<usize>> =
+    let mut same: Vec<Option<usize>> =
         (0..blocks.list.len()).map(|b| old.same_as(&blocks, b).filter(|_| !is_changed(&blocks.list[b]))).collect();
     let targets = Targets { patches: numbers.len(), numbers: Some(&numbers) };
-    let Some(mut sampled) = kept.sampled_of(&blocks, &same, targets) else { return Ok(None) };
+    let Some(mut sampled) = kept.sampled_of(&blocks, &same, targets) else { return Ok(Err(lamps)) };
+    // Where less of it lies in the open than before, what is left of a block may be curved, and needs ways that weren't kept.
+    for (b, found) in sampled.iter_mut().enumerate() {
+        if is_curved(&blocks, b, &normal) && !found.halves.iter().all(|half| half.links.have_ways()) {
+            (*found, same[b]) = (Sampled::default(), None);
+        }
+    }
     let irradiance = same.iter().enumerate().map(|(b, same)| match same.or_else(|| old.around(&blocks, b)) {
         Some(k) => kept.irradiance.get(k).copied().unwrap_or_default(),
         None => Rgb::ZERO,
@@ -210,7 +217,7 @@ pub fn look_again(
     field.light_back_blocks(&known, progress)?;
     field.find_base();
     let kept = kept::keep(&field, kept.gain, &normal);
-    Ok(Some(Seen { kept, lamps: field.into_lamps() }))
+    Ok(Ok(Seen { kept, lamps: field.into_lamps() }))
 }
 
 /// Samples of a hemisphere that stand for so many over it and towards what shines, of which nothing is known here.

@@ -101,9 +101,9 @@ fn spread(blocks: &Blocks, b: usize, normal: &dyn Fn(usize) -> Vec3) -> f32 {
     block.spread.max(shown)
 }
 
-/// True where one value doesn't do for all normals of block `b`.
+/// True where one value doesn't do for all normals of block `b`. Backs, which nobody shows, have one.
 pub fn is_curved(blocks: &Blocks, b: usize, normal: &dyn Fn(usize) -> Vec3) -> bool {
-    spread(blocks, b, normal) >= FLAT
+    !blocks.list[b].back && spread(blocks, b, normal) >= FLAT
 }
 
 impl Response {

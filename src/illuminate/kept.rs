@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::light::direct::DirectParams;
 use crate::light::kept::KeptLight;
 use crate::light::parts::{Part, all_units};
+use crate::light::touched::keeps_links;
 use crate::light::units::Memory;
 use crate::light::{Direct, Lit, Shining};
 use crate::patch::Ground;
@@ -82,7 +83,8 @@ impl Memory for Lamps<'_> {
     }
 
     fn recall_before(&self, unit: &[Shining]) -> Result<Option<(KeptLight, &Change)>> {
-        self.work.find_before(DIRECT, |hasher| self.add(unit, hasher))
+        let before = self.work.find_before(DIRECT, |hasher| self.add(unit, hasher))?;
+        Ok(before.filter(|(_, change)| keeps_links(self.lit.ground.scene, unit, change)))
     }
 
     fn once(
@@ -141,7 +143,7 @@ pub fn see(
     progress: &dyn Progress,
 ) -> Result<Sight> {
     let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params);
-    let mut lamps = BackLamps::recall(lit, told(lit, params, parts, work, progress), work)?;
+    let lamps = BackLamps::recall(lit, told(lit, params, parts, work, progress), work)?;
     let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add)? };
     if let Some(kept) = known {
         return Ok(Sight { seen: Seen { kept, lamps }, is_fresh: false });
@@ -151,18 +153,14 @@ pub fn see(
         return Err(Error::invalid("relight", message));
     }
     let before = if how == Look::Anew { None } else { work.find_before::<Kept>(LINKS, add)? };
-    let mut seen = None;
-    if let Some((kept, change)) = &before {
-        let own = std::mem::take(&mut lamps);
-        seen = look_again(lit, direct, params, (kept, change), own, work, progress)?;
-        if seen.is_none() {
-            lamps = BackLamps::recall(lit, told(lit, params, parts, work, progress), work)?;
-        }
-    }
-    let is_fresh = seen.is_none();
+    let seen = match &before {
+        Some((kept, change)) => look_again(lit, direct, params, (kept, change), lamps, work, progress)?,
+        None => Err(lamps),
+    };
+    let is_fresh = seen.is_err();
     let mut seen = match seen {
-        Some(seen) => seen,
-        None => look(lit, direct, params, lamps, work, progress)?,
+        Ok(seen) => seen,
+        Err(lamps) => look(lit, direct, params, lamps, work, progress)?,
     };
     work.keep(LINKS, add, &seen.kept)?;
     seen.lamps.keep(work)?;

@@ -86,7 +86,7 @@ impl State {
         let mut boxes = Vec::new();
         let mut is_gone = vec![true; before.surfaces.len()];
         let mut same = 0;
-        for (now, &pair) in self.surfaces.iter().zip(&pairs) {
+        for (s, (now, &pair)) in self.surfaces.iter().zip(&pairs).enumerate() {
             let old = pair.map(|k| &before.surfaces[k]);
             let is_same = old.is_some_and(|old| old.what == now.what && old.place == now.place);
             if let Some(k) = pair {
@@ -96,6 +96,7 @@ impl State {
                 boxes.extend(old.map(|old| old.bounds).into_iter().chain([now.bounds]));
             }
             same += old.filter(|_| is_same).map_or(0, |old| old.patches.len());
+            change.renumbers |= is_same && pair != Some(s);
             change.surfaces.push(!is_same);
             change.runs.push(old.filter(|old| old.place == now.place).map(|old| old.patches.clone()));
         }

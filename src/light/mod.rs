@@ -73,6 +73,11 @@ impl Shining {
             }
         }
     }
+
+    /// True where it shines on some surfaces alone, or is blocked by some alone: by their numbers.
+    pub fn is_linked(self, scene: &Scene) -> bool {
+        matches!(self, Self::Light(l) if !scene.lights[l].links.are_all())
+    }
 }
 
 impl Lights {

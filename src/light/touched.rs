@@ -1,9 +1,9 @@
 //! Whose direct light a change can touch: texels from which some lamp is, or was, behind the boxes of what changed.
 
 use super::direct::{Arriving, Direct};
-use super::{Lights, Lit};
+use super::{Lights, Lit, Shining};
 use crate::color::Rgb;
-use crate::scene::LightShape;
+use crate::scene::{LightShape, Scene};
 use crate::work::Change;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -22,6 +22,12 @@ enum Lamp {
     Near([Vec3; 2]),
     /// A direction towards it (unit), and the tangent of the half angle under which it is seen.
     Far { towards: Vec3, spread: f32 },
+}
+
+/// True where what `shining` shines on, and is blocked by, is the same after `change` but for what that names: links are told by numbers
+/// of surfaces.
+pub fn keeps_links(scene: &Scene, shining: &[Shining], change: &Change) -> bool {
+    !change.renumbers || !shining.iter().any(|one| one.is_linked(scene))
 }
 
 /// The ways between lamps and what has changed, or did before.

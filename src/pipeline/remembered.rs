@@ -149,12 +149,17 @@ fn base(scene: &Scene, atlas: &Atlas) -> Key {
     Key::of("base", |hasher| add_base(hasher, scene, atlas))
 }
 
+// Keys of results have the version in them, and what is found by way of these must not be of another.
 fn charts_key(file: &Path) -> Key {
-    Key::of("charts 1", |hasher| hasher.add_str(&file.to_string_lossy()))
+    Key::of("charts 1", |hasher| {
+        hasher.add_str(env!("CARGO_PKG_VERSION"));
+        hasher.add_str(&file.to_string_lossy());
+    })
 }
 
 fn state_key(file: &Path, settings: &Settings) -> Key {
     Key::of("state 2", |hasher| {
+        hasher.add_str(env!("CARGO_PKG_VERSION"));
         hasher.add_str(&file.to_string_lossy());
         hasher.add_debug(&settings.unwrap_params());
     })

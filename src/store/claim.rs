@@ -25,11 +25,16 @@ impl Store {
     pub fn claim(&self, kind: &str, key: Key) -> Result<Option<Claim>> {
         let Some(entry) = self.path(kind, key) else { return Ok(None) };
         let path = entry.with_file_name(format!(".{key}{CLAIM}"));
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
-        }
-        let open = OpenOptions::new().write(true).create(true).truncate(false).open(&path);
-        let file = open.map_err(|e| Error::io(&path, e))?;
+        let open = || {
+            path.parent().map_or(Ok(()), fs::create_dir_all)?;
+            OpenOptions::new().write(true).create(true).truncate(false).open(&path)
+        };
+        // Another process may have removed the folder between the two.
+        let file = match open() {
+            Err(e) if e.kind() == ErrorKind::NotFound => open(),
+            other => other,
+        };
+        let file = file.map_err(|e| Error::io(&path, e))?;
         match file.try_lock() {
             Ok(()) => Ok(Some(Claim { path, file })),
             Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => Ok(Some(Claim { path, file })),

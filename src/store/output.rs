@@ -34,21 +34,33 @@ pub fn create(path: &Path) -> io::Result<Box<dyn Output>> {
     Ok(Box::new(file))
 }
 
+/// Times that a file is written whose folder another process removes meanwhile.
+const TRIES: u32 = 3;
+
 /// Writes the file `path` by `write`, in place of the one that may be there. Where it fails, nothing is left.
 ///
 /// # Errors
 /// `Io`, with the file's name.
-pub fn write(path: &Path, create: &Create, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+pub fn write(path: &Path, create: &Create, write: impl Fn(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+    let mut tries = 1;
+    loop {
+        match write_once(path, create, &write) {
+            Err(e) if e.kind() == ErrorKind::NotFound && tries < TRIES => tries += 1,
+            written => return written.map_err(|e| failed(path, e)),
+        }
+    }
+}
+
+fn write_once(path: &Path, create: &Create, write: impl Fn(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
-    fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
-    let (temporary, mut out) = make_temporary(path, create).map_err(|e| failed(path, e))?;
+    fs::create_dir_all(folder)?;
+    let (temporary, mut out) = make_temporary(path, create)?;
     let written = write(&mut *out).and_then(|()| out.flush()).and_then(|()| out.sync());
     // Closed before it is renamed: Windows wants it so.
     drop(out);
     let kept = written.and_then(|()| put(&temporary, path)).and_then(|()| sync_folder(folder));
-    kept.map_err(|e| {
+    kept.inspect_err(|_| {
         let _ = fs::remove_file(&temporary);
-        failed(path, e)
     })
 }
 
@@ -63,11 +75,11 @@ fn put(temporary: &Path, path: &Path) -> io::Result<()> {
 
 /// A file beside `path` under a name of its own: no other process or thread writes it.
 fn make_temporary(path: &Path, create: &Create) -> io::Result<(PathBuf, Box<dyn Output>)> {
-    const TRIES: u32 = 1000;
+    const NAMES: u32 = 1000;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let process = std::process::id();
     let mut last = io::Error::from(ErrorKind::AlreadyExists);
-    for k in 0..TRIES {
+    for k in 0..NAMES {
         let temporary = path.with_file_name(format!(".{name}.{process}.{k}{TEMPORARY}"));
         match create(&temporary) {
             Ok(out) => return Ok((temporary, out)),

@@ -169,25 +169,13 @@ impl Places {
             return Ok(None);
         }
         moved.sort_by(|&a, &b| texels(&[b]).total_cmp(&texels(&[a])).then(a.cmp(&b)));
-        let mut rest = Vec::new();
-        for s in moved {
-            match between(subject, &sized, s, &mut pages, progress)? {
-                Some(found) => surfaces[s] = found,
-                None => rest.push(s),
-            }
-        }
+        let max_pages = if is_single { 0 } else { params.max_pages.saturating_sub(pages.len() as u32) };
+        let behind = Paging { page_size, max_pages, pages: params.pages, spacing };
+        let Some(more) = settle(subject, &sized, moved, &mut pages, &behind, &mut surfaces, progress)? else {
+            return Ok(None);
+        };
         let mut sizes = self.pages.clone();
-        if !rest.is_empty() {
-            let max_pages = if is_single { 0 } else { params.max_pages.saturating_sub(sizes.len() as u32) };
-            let paging = Paging { page_size, max_pages, pages: params.pages, spacing };
-            let assigned = if max_pages > 0 { assign(subject, &sized, &rest, &paging, progress)?.ok() } else { None };
-            let Some((more, mut places)) = assigned else { return Ok(None) };
-            for s in rest {
-                let (page, slots) = std::mem::take(&mut places[s]);
-                surfaces[s] = (sizes.len() as u32 + page, slots);
-            }
-            sizes.extend(more);
-        }
+        sizes.extend(more);
         let Some(shown_pages) = filled(subject, &surfaces, sizes.len()) else { return Ok(None) };
         sizes.truncate(shown_pages);
         let of_meshes = densities.all();
@@ -242,6 +230,36 @@ fn between(
         }
     }
     Ok(None)
+}
+
+/// Finds room for the surfaces `moved`, in `surfaces`: between others on `pages`, else on pages `behind` those. The sizes of the latter;
+/// `None` where there is no room.
+fn settle(
+    subject: &Subject,
+    sized: &[Sized],
+    moved: Vec<usize>,
+    pages: &mut [Page],
+    behind: &Paging,
+    surfaces: &mut [(u32, Vec<Slot>)],
+    progress: &dyn Progress,
+) -> Result<Option<Vec<[u32; 2]>>> {
+    let mut rest = Vec::new();
+    for s in moved {
+        match between(subject, sized, s, pages, progress)? {
+            Some(found) => surfaces[s] = found,
+            None => rest.push(s),
+        }
+    }
+    if rest.is_empty() {
+        return Ok(Some(Vec::new()));
+    }
+    let assigned = if behind.max_pages > 0 { assign(subject, sized, &rest, behind, progress)?.ok() } else { None };
+    let Some((more, mut places)) = assigned else { return Ok(None) };
+    for s in rest {
+        let (page, slots) = std::mem::take(&mut places[s]);
+        surfaces[s] = (pages.len() as u32 + page, slots);
+    }
+    Ok(Some(more))
 }
 
 /// How many of `count` pages are needed; `None` where one before the last of them would be empty.

@@ -66,6 +66,9 @@ impl Parts {
         while let Some(key) = take(Key::BYTES) {
             let key = Key::from_bytes(key.try_into().ok()?);
             let [count, chart_count, is_double] = words(take(HEAD)?)[..] else { return None };
+            if chart_count > count {
+                return None;
+            }
             let chart = words(take(4 * count as usize)?);
             let size = if is_double == 1 { 8 } else { 4 };
             let values = take(6 * size * count as usize)?.chunks_exact(size);
@@ -105,6 +108,9 @@ mod tests {
         let bytes = parts.to_bytes();
         assert_eq!(Parts::from_bytes(&bytes), Some(parts));
         assert_eq!(Parts::from_bytes(&bytes[..bytes.len() - 1]), None);
+        let mut many = bytes.clone();
+        many[Key::BYTES + 4..Key::BYTES + 8].fill(0xff);
+        assert_eq!(Parts::from_bytes(&many), None, "more charts than triangles");
         assert_eq!(Parts::from_bytes(&[]), Some(Parts::default()));
     }
 }
