@@ -48,10 +48,6 @@ use kept::{Lamps, Look, Sight};
 use only::Earlier;
 use std::sync::Arc;
 
-/// How many times the error that was asked for may be estimated where what blocks see was found in other light, before they look
-/// anew.
-pub(crate) const ROUGHER: f64 = 1.2;
-
 /// A scene with its light, and all that led to it.
 pub struct Illuminated {
     pub patches: Patches,
@@ -395,8 +391,7 @@ fn by_blocks(
     let Sight { seen, is_fresh } = kept::see(lit, &direct, &params, parts, how, work, progress)?;
     let mut found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
     // What was looked at in other light may be seen too coarsely in this one.
-    let is_rough = |exchanged: &Exchanged| exchanged.noise.hypot(exchanged.bias) > ROUGHER * params.error;
-    if !is_fresh && how == Look::Once && is_rough(&found.2) {
+    if !is_fresh && how == Look::Once && found.2.is_rough(params.error) {
         let Sight { seen, .. } = kept::see(lit, &direct, &params, parts, Look::Anew, work, progress)?;
         found = exchange(lit, &direct, &params, wanted, seen, work, progress)?;
     }

@@ -14,7 +14,7 @@ use crate::blocks::PARTS;
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::folder;
-use crate::illuminate::{Illuminated, ROUGHER, illuminate_only, illuminate_with, needs_walks, share};
+use crate::illuminate::{Illuminated, illuminate_only, illuminate_with, needs_walks, share};
 use crate::inspect::doubts;
 use crate::light::mask::{MOST_MASKS, masked_lights};
 use crate::limits;
@@ -68,6 +68,11 @@ pub fn bake(scene: &Path, folder: &Path, settings: &Settings, progress: &dyn Pro
     let (atlas, places) = remembered.lay_out(&loaded, settings, as_before, &clock, &mut report)?;
     let earlier = selected.map(|selected| only::earlier(folder, &loaded.scene, &atlas, &selected, settings));
     let earlier = earlier.transpose()?;
+    if earlier.is_some() {
+        for name in remembered.changed(&loaded.scene, &atlas) {
+            report.warnings.add(name, "has come, moved or changed since all was baked; shadows and light on kept texels are as they were then");
+        }
+    }
     if needs_walks(&loaded.scene, settings) {
         scatter::adapt(&mut loaded.scene, settings.surfaces);
     }
@@ -143,6 +148,7 @@ fn describe_light(report: &mut Report, lit: &Illuminated, settings: &Settings) {
         estimated: 100.0 * e.noise.hypot(e.bias),
         noise: 100.0 * e.noise,
         bias: 100.0 * e.bias,
+        is_rough: e.is_rough(settings.block_params().error),
     });
     report.denoise = lit.denoised.clone();
     report.seams = (lit.seams.texels > 0.0).then_some(lit.seams);
@@ -265,10 +271,10 @@ fn warn_of_idle_settings(scene: &Scene, report: &mut Report, settings: &Settings
 
 /// Says where a bake should not be trusted as it is.
 fn warn_of_doubts(report: &mut Report, settings: &Settings) {
-    let is_rough = |error: &&ErrorReport| settings.relight.is_some() && error.estimated > ROUGHER * error.aimed;
+    let is_rough = |error: &&ErrorReport| settings.relight.is_some() && error.is_rough;
     if let Some(ErrorReport { aimed, estimated, .. }) = report.error.as_ref().filter(is_rough) {
-        let message = "what blocks saw in the light of the bake tells less of this one than was asked for; a bake with these lights \
-                       looks closer";
+        let message = "what blocks saw in the light of the bake tells less of this one than was asked for, over all or where there was little \
+                       light before; a bake with these lights looks closer";
         report.warnings.add(format!("estimated error {estimated:.2} % ({aimed} % was asked for)"), message);
     }
     let is_free = settings.max_bounces.is_none() && settings.iterations.is_none();

@@ -116,6 +116,9 @@ pub struct ErrorReport {
     pub noise: f64,
     /// By what is finer than blocks.
     pub bias: f64,
+    /// What blocks saw in other light tells too little of this one.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub is_rough: bool,
 }
 
 /// Light probes and their files, relative to the output folder.

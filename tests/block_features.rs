@@ -4,6 +4,8 @@
 mod support;
 
 use glam::{Vec2, Vec3};
+use lumel::color::Rgb;
+use lumel::scene::LightShape;
 use support::Quad;
 use support::measure::{Case, block, column, flat, off, strip};
 
@@ -82,4 +84,19 @@ fn a_bar_near_a_wall_under_a_small_lamp() {
     let case = Case::of_pieces("bar near a wall", &pieces);
     let near = |p: Vec3| p.z < 0.001 && (0.7..1.1).contains(&p.y) && p.x.abs() < 0.8;
     hold(&case, &near, &Most { rms: 1.6, bias: 0.3, near: 3.1, near_bias: 2.2 });
+}
+
+#[test]
+fn light_between_faces_close_together_comes_to_rest() {
+    // A slab 4 cm below the ceiling: what either sends comes back from the other, and sweeps alternate.
+    let mut quads: Vec<Quad> = support::room([6., 3., 5.]).into_iter().map(|q| q.albedo(0.8)).collect();
+    quads.extend(block([2.5, 2.93, 2.0], [1.0, 0.03, 1.0]).into_iter().map(|q| q.albedo(0.8)));
+    let lamp = LightShape::Point { position: Vec3::new(1.0, 2.0, 1.0), intensity: Rgb::splat(100.0), range: None };
+    let case = Case::of_quads("a slab below the ceiling", &quads, 12).light(lamp);
+    let lit = case.blocks(2.0, 0);
+    let exchanged = lit.exchanged.unwrap();
+    assert!(exchanged.residual < 0.002, "{}", exchanged.residual);
+    assert!(lit.energy.imbalance.abs() < 0.01, "{}", lit.energy.imbalance);
+    let off = off(&lit, &case.gathered(512), &|_| false);
+    assert!(off.rms < 0.03 && off.bias.abs() < 0.01, "{off}");
 }

@@ -5,14 +5,14 @@ mod support;
 
 use files::Folder;
 use glam::{Affine3A, Vec3};
-use lumel::color::Rgb;
+use lumel::color::{Rgb, luminance};
 use lumel::illuminate::kept::add_base;
 use lumel::illuminate::state::State;
 use lumel::illuminate::{Illuminated, illuminate, illuminate_with};
 use lumel::pipeline::bake;
 use lumel::progress::Silent;
 use lumel::scene::{Light, LightShape, Scene};
-use lumel::settings::{Normals, Settings};
+use lumel::settings::{Method, Normals, Settings};
 use lumel::store::{Key, Store};
 use lumel::unwrap::{Atlas, Density, Earlier, Places, UnwrapParams, unwrap_after};
 use lumel::work::Work;
@@ -210,6 +210,43 @@ fn the_light_around_what_came_and_went_is_found_anew_and_the_rest_kept() {
         assert!(again.exposure.rays < full.exposure.rays / 2, "{what}: {} of {} rays", rays(&again), rays(&full));
         assert_eq!(again.exposure.cells, full.exposure.cells, "{what}: what lies in the open");
     }
+}
+
+#[test]
+fn a_narrow_gap_beside_what_came_is_as_dark_as_anew() {
+    let folder = Folder::new("gap");
+    let store = Store::open(&folder.0).unwrap();
+    let one: Thing = ("one", [1.4, 0.0, 1.6], [0.8, 0.8, 0.8]);
+    let two: Thing = ("two", [2.25, 0.0, 1.6], [0.8, 0.8, 0.8]);
+    let before = furnished(&[one, SHELF]);
+    let (atlas, earlier, _) = laid_out(&before, &params(), None);
+    let work = Work::new(&store, base(&before, &atlas), None, Duration::MAX);
+    let first = illuminate_with(&before, &atlas, &settings(), &work, &Silent).unwrap();
+    let scene = furnished(&[one, SHELF, two]);
+    let (atlas_now, ..) = laid_out(&scene, &params(), Some(&earlier));
+    let now = State::new(&scene, &atlas_now, base(&scene, &atlas_now), &[]);
+    let (key, change) = now.since(&state(&before, &atlas, &first)).unwrap();
+    let work = Work::new(&store, base(&scene, &atlas_now), None, Duration::MAX).after(key, change);
+    let again = illuminate_with(&scene, &atlas_now, &settings(), &work, &Silent).unwrap();
+    let full = illuminate(&scene, &atlas_now, &settings(), &Silent).unwrap();
+    let paths = Settings { method: Method::Path, samples: Some(512), ..settings() };
+    let truth = illuminate(&scene, &atlas_now, &paths, &Silent).unwrap();
+    // The deepest third of the two faces, which see little but each other.
+    let in_gap = |i: usize| {
+        let p = full.patches.position[i];
+        (2.19..2.26).contains(&p.x) && (0.2..0.5).contains(&p.y) && (1.9..2.1).contains(&p.z)
+    };
+    let mean = |lit: &Illuminated| {
+        let open = (0..lit.patches.len()).filter(|&i| in_gap(i));
+        let (sum, area) = open.fold((0.0, 0.0), |(sum, area), i| {
+            let a = lit.patches.area[i];
+            (sum + a * luminance(lit.gathered.irradiance[i]), area + a)
+        });
+        sum / area
+    };
+    let [again, full, truth] = [&again, &full, &truth].map(mean);
+    println!("in the gap: {again} after, {full} anew, {truth} by paths");
+    assert!(again < 1.5 * full.max(truth), "{again} {full} {truth}");
 }
 
 /// A folder with the scene `room.gltf`: a floor and cubes of the sizes given, each of its own mesh.

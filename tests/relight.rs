@@ -137,6 +137,34 @@ fn sky_with_a_picture(scene: &mut Scene) {
 }
 
 #[test]
+fn a_sky_that_was_not_there_is_seen_and_one_that_goes_needs_no_new_look() {
+    let (folder, case) = (Folder::new("sky"), world());
+    let store = Store::open(&folder.0).unwrap();
+    let mut without = case.scene.clone();
+    without.environment = None;
+    light(&without, &case.atlas, &settings(0, ERROR), &store).unwrap();
+    assert!(relit(&case.scene, &case.atlas, &store).is_err(), "what blocks saw ends where the sky would be");
+    let (warm, _) = light(&case.scene, &case.atlas, &settings(0, ERROR), &store).unwrap();
+    let (truth, _) = light(&case.scene, &case.atlas, &settings(1, ERROR), &Store::none()).unwrap();
+    let off = off(&warm, &truth, &|_| false);
+    println!("a sky that came: {off}");
+    assert!(off.rms < 0.04 && off.bias.abs() < 0.01, "{off}");
+    // Two looks now: that without a sky, and that with one, which any other serves.
+    let mut other = case.scene.clone();
+    other.environment = Some(lumel::scene::Environment::constant("other", Rgb::splat(30.0)));
+    assert!(relit(&other, &case.atlas, &store).is_ok());
+    let folder = Folder::new("sky-gone");
+    let store = Store::open(&folder.0).unwrap();
+    light(&case.scene, &case.atlas, &settings(0, ERROR), &store).unwrap();
+    let (dark, tally) = relit(&without, &case.atlas, &store).unwrap();
+    let (truth, _) = light(&without, &case.atlas, &settings(1, ERROR), &Store::none()).unwrap();
+    assert_eq!(reused(&tally, "links"), [1, 0]);
+    let off = support::measure::off(&dark, &truth, &|_| false);
+    println!("a sky that went: {off}");
+    assert!(off.rms < 0.05 && off.bias.abs() < 0.015, "{off}");
+}
+
+#[test]
 fn every_change_is_as_a_bake_in_that_light() {
     let (folder, case) = (Folder::new("changes"), world());
     let first = folder.0.join("first");
@@ -187,7 +215,7 @@ fn nothing_is_read_of_anything_else() {
     light(&case.scene, &case.atlas, &settings(0, ERROR), &store).unwrap();
     let is_known = |scene: &Scene, atlas: &Atlas, settings: &Settings| {
         let base = Key::of("base", |hasher| add_base(hasher, scene, atlas));
-        has_links(&Work::new(&store, base, None, Duration::MAX), settings)
+        has_links(scene, &Work::new(&store, base, None, Duration::MAX), settings)
     };
     let own = settings(0, ERROR);
     assert!(is_known(&case.scene, &case.atlas, &own));

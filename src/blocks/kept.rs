@@ -57,10 +57,12 @@ pub struct Kept {
     pub gain: f32,
     /// Rays that were traced.
     pub rays: u64,
+    /// The error that was left, of the mean light or of that of each place.
+    pub error: f64,
 }
 
 /// Keeps what `field` has seen; `normal` is the one that a patch shows.
-pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Kept {
+pub fn keep(field: &Field, gain: f32, error: f64, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Kept {
     let blocks = &field.blocks;
     let encode = |b: usize| {
         let mut bits = BitWriter::default();
@@ -82,6 +84,7 @@ pub fn keep(field: &Field, gain: f32, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -
         back_blocks,
         gain,
         rays: field.rays,
+        error,
     }
 }
 
@@ -224,7 +227,7 @@ fn read_order(bytes: &[u8], count: usize, patches: usize) -> Option<Vec<u32>> {
 
 impl Stored for Kept {
     fn sections(&self) -> Vec<Cow<'_, [u8]>> {
-        let head: Vec<u8> = [u64::from(self.gain.to_bits()), self.rays, u64::from(self.fronts)]
+        let head: Vec<u8> = [u64::from(self.gain.to_bits()), self.rays, u64::from(self.fronts), self.error.to_bits()]
             .into_iter()
             .chain(self.flux.map(f64::to_bits))
             .flat_map(u64::to_le_bytes)
@@ -245,7 +248,7 @@ impl Stored for Kept {
     }
 
     fn restore(entry: &Entry) -> Option<Self> {
-        let &[gain, rays, fronts, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
+        let &[gain, rays, fronts, error, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
         let list = |k: usize| Some(entry.slice::<u32>(k).ok()?.to_vec());
         let ends = ends(entry.slice::<u32>(4).ok()?.iter().map(|length| *length as usize));
         if ends.last().copied().unwrap_or(0) != entry.section(2).len() {
@@ -263,6 +266,7 @@ impl Stored for Kept {
             flux: flux.iter().map(|bits| f64::from_bits(*bits)).collect::<Vec<_>>().try_into().ok()?,
             gain: f32::from_bits(gain as u32),
             rays,
+            error: f64::from_bits(error),
         })
     }
 }

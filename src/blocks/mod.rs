@@ -79,6 +79,21 @@ pub struct Exchanged {
     /// Estimated errors over the mean light, without the worst 1 % of texels: noise, and what interpolation between blocks misses.
     pub noise: f64,
     pub bias: f64,
+    /// The larger of both together and of the same over the light of each place, in part; and what that was where blocks were looked at.
+    pub error: f64,
+    pub error_before: f64,
+}
+
+/// How many times the error that was asked for may be estimated where what blocks see was found in other light, before they look
+/// anew.
+const ROUGHER: f64 = 1.2;
+
+impl Exchanged {
+    /// True where what blocks saw in other light tells too little of this one: where `error` was asked for, and no more than that was left
+    /// then.
+    pub fn is_rough(&self, error: f64) -> bool {
+        self.error > ROUGHER * self.error_before.max(error)
+    }
 }
 
 /// The kind of work that looks of blocks are, which may be done in parts.
@@ -158,12 +173,12 @@ pub fn look(
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
     let mut run = Run::new(Field::new(lit, direct, params, lamps, work), direct, &normal, progress)?;
     let mut aim = if params.time.is_some() { LADDER[0].max(params.error) } else { params.error };
-    run.reach(aim)?;
+    let mut left = run.reach(aim)?;
     while aim > params.error && !run.is_late() {
         aim = (aim * LADDER[1]).max(params.error);
-        run.reach(aim)?;
+        left = run.reach(aim)?;
     }
-    let kept = kept::keep(&run.field, run.gain, &normal);
+    let kept = kept::keep(&run.field, run.gain, left.error(), &normal);
     tracing::debug!(bytes = kept.links.len(), links = run.field.links(), "kept");
     Ok(Seen { kept, lamps: run.field.into_lamps() })
 }
@@ -186,7 +201,7 @@ pub fn exchange(
     let normals = shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
     let Seen { kept, lamps } = seen;
-    let gain = kept.gain;
+    let (gain, error_before) = (kept.gain, kept.error);
     let mut field = Field::kept(lit, direct, params, &kept, lamps, work, progress)?;
     drop(kept);
     field.solve(params.residual, progress)?;
@@ -201,9 +216,10 @@ pub fn exchange(
     // Nothing looks along links any more; they are most of what there is.
     field.forget_links();
     let smoothed = smooth(&field.blocks, &field.around, responses);
-    let Left { noise, bias, .. } = Left::new(&field, &stakes, &smoothed);
+    let left = Left::new(&field, &stakes, &smoothed);
+    let (noise, bias, error) = (left.noise, left.bias, left.error());
     let Swept { sweeps, residual } = field.swept;
-    let exchanged = Exchanged { blocks, links, sweeps, residual, noise, bias };
+    let exchanged = Exchanged { blocks, links, sweeps, residual, noise, bias, error, error_before };
     let mut gathered = show_all(&field, direct, smoothed, &normal);
     separate.put(&mut gathered);
     Ok((Gathered { noise, moments, ..gathered }, backs, exchanged))

@@ -13,7 +13,7 @@ use super::kept::{GONE, Kept, OldBlocks, Targets};
 use super::link::{Half, Link, Sight};
 use super::respond::is_curved;
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
-use super::{BlockParams, Seen, kept};
+use super::{BlockParams, REACH, Seen, kept};
 use crate::Result;
 use crate::color::Rgb;
 use crate::light::{Direct, Lit};
@@ -37,6 +37,9 @@ const LEAST: u32 = 4;
 
 /// Numbers of points from here on are those of samples towards boxes.
 const FIRST_POINT: u32 = 1 << 20;
+
+/// Blocks may be split where what changed is nearer than so many times their side.
+const NEAR: f32 = 2.0;
 
 /// Quarterings from the coarsest blocks to single texels.
 const LEVELS: usize = 3;
@@ -211,13 +214,57 @@ pub fn look_again(
     let mut back_patches: Vec<u32> = back_patches.collect();
     back_patches.sort_unstable();
     field.light_backs(&back_patches, progress)?;
-    let seen = sample_touched(&mut field, &same, &counts, change, progress)?;
+    let mut seen = sample_touched(&mut field, &same, &counts, change, progress)?;
+    seen.extend(split_near(&mut field, change, progress)?);
+    seen.sort_unstable();
+    seen.dedup();
     field.follow_backs(seen, progress)?;
     let known: Vec<usize> = (fronts..field.blocks.list.len()).filter(|&b| !field.sampled[b].is_empty()).collect();
     field.light_back_blocks(&known, progress)?;
     field.find_base();
-    let kept = kept::keep(&field, kept.gain, &normal);
+    let kept = kept::keep(&field, kept.gain, kept.error, &normal);
     Ok(Ok(Seen { kept, lamps: field.into_lamps() }))
+}
+
+/// Splits fronts that are too large for how near something is that changed, as a bake anew would, and samples their parts. Returns the patches whose
+/// backs were seen.
+fn split_near(field: &mut Field, change: &Change, progress: &dyn Progress) -> Result<Vec<u32>> {
+    let reach = REACH * (field.params.error.sqrt() as f32);
+    let mut seen = Vec::new();
+    for _ in 0..LEVELS {
+        let wanted: Vec<bool> =
+            (0..field.blocks.fronts()).into_par_iter().map(|b| is_too_near(field, b, change, reach)).collect();
+        if !wanted.contains(&true) {
+            break;
+        }
+        let drawn = |b: usize| as_closely([field.sampled[b].drawn.hemisphere, field.sampled[b].drawn.areas]);
+        let drawn: Vec<u32> = (0..wanted.len()).map(drawn).collect();
+        let origin = field.split(&wanted);
+        let plan = origin.iter().map(|&o| if wanted.get(o as usize) == Some(&true) { drawn[o as usize] } else { 0 });
+        let plan: Vec<u32> = plan.take(field.blocks.fronts()).collect();
+        seen.extend(field.glance(&plan, progress)?);
+    }
+    Ok(seen)
+}
+
+/// True where block `b` is larger than `reach` times the harmonic mean of the distances of what it sees, and something that changed is about as
+/// near as it is large.
+fn is_too_near(field: &Field, b: usize, change: &Change, reach: f32) -> bool {
+    let block = &field.blocks.list[b];
+    let near = NEAR * block.side();
+    let distance = |[low, high]: &[Vec3; 2]| block.centre.distance(block.centre.clamp(*low, *high));
+    if block.texels() == 1 || !change.boxes.iter().any(|bounds| distance(bounds) < near) {
+        return false;
+    }
+    let position = &field.lit.ground.patches.position;
+    let (mut sum, mut inverse) = (0.0, 0.0);
+    for half in &field.sampled[b].halves {
+        for ((patch, _), weight) in half.links.targets().zip(&half.weights) {
+            sum += weight;
+            inverse += weight / position[patch].distance(block.centre).max(f32::MIN_POSITIVE);
+        }
+    }
+    block.side() * inverse > reach * sum
 }
 
 /// Samples of a hemisphere that stand for so many over it and towards what shines, of which nothing is known here.

@@ -18,11 +18,6 @@ use rayon::prelude::*;
 /// Sweeps at most: at an albedo of 0.97 light falls to a thousandth in some 230.
 const MOST_SWEEPS: u32 = 400;
 
-/// Sweeps after which what is left is added at once, as all that are left would bring it (Aitken 1926), and the ratio of two sweeps from
-/// which on too little is known of it.
-const PLAIN: u32 = 2;
-const MOST_RATIO: f64 = 0.9;
-
 /// Patches that a thread takes at least, and blocks that it takes at most.
 const BATCH: usize = 4096;
 
@@ -205,8 +200,6 @@ impl System<'_> {
     ) -> Result<Swept> {
         let mut swept = Swept::default();
         let mut before: Option<f64> = None;
-        // The share that each bounce is of the one before, as far as it is known, and sweeps since it was last made use of.
-        let (mut ratio, mut plain) = (0.9, 0);
         let mut radiosity = Radiosity::default();
         for sweep in 0..most.unwrap_or(MOST_SWEEPS) {
             progress.check()?;
@@ -218,29 +211,19 @@ impl System<'_> {
                 change += f64::from(luminance((next[b] - irradiance[b]).abs())) * area;
                 total += f64::from(luminance(next[b])) * area;
             }
-            let old = std::mem::replace(irradiance, next);
+            *irradiance = next;
             swept.sweeps = u64::from(sweep) + 1;
             if change <= 0.0 || total <= 0.0 {
                 swept.residual = 0.0;
                 break;
             }
-            // Each bounce is a share r of the one before; what is left adds up to r / (1 - r) of the last one.
-            if let Some(before) = before {
-                ratio = (change / before).clamp(0.0, 0.99);
-            }
-            let left = ratio / (1.0 - ratio);
-            swept.residual = change / total * left;
-            (before, plain) = (Some(change), plain + 1);
-            if most.is_some() {
-                continue;
-            }
-            if swept.residual < residual {
+            // Each bounce is a share r of the one before; what is left adds up to r / (1 - r) of the last one. It is swept, not leapt to: between
+            // surfaces that face each other closely changes alternate, and a leap along them would grow without end.
+            let ratio = before.map_or(0.9, |before| (change / before).clamp(0.0, 0.99));
+            swept.residual = change / total * ratio / (1.0 - ratio);
+            before = Some(change);
+            if swept.residual < residual && most.is_none() {
                 break;
-            }
-            if plain >= PLAIN && ratio < MOST_RATIO {
-                let leap = |(e, old): (&mut Rgb, &Rgb)| *e = (*e + (*e - *old) * left as f32).max(Rgb::ZERO);
-                irradiance.iter_mut().zip(&old).for_each(leap);
-                (before, plain) = (None, 0);
             }
         }
         Ok(swept)

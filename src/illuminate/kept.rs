@@ -11,7 +11,7 @@ use crate::light::kept::KeptLight;
 use crate::light::parts::{Part, all_units};
 use crate::light::touched::keeps_links;
 use crate::light::units::Memory;
-use crate::light::{Direct, Lit, Shining};
+use crate::light::{Direct, Lights, Lit, Shining};
 use crate::patch::Ground;
 use crate::patch::unocclude::{Exposure, Openings};
 use crate::progress::Progress;
@@ -117,16 +117,24 @@ pub enum Look {
 /// The kind of results that what blocks see is.
 const LINKS: &str = "links";
 
-/// Adds what links depend on beside the base: which normals irradiance is about, and whether directions are wanted, too.
-fn add_links(hasher: &mut Hasher, params: &BlockParams, direct: &DirectParams) {
+/// Adds what links depend on beside the base: which normals irradiance is about, whether directions are wanted, too, and whether there is a
+/// sky that ways can end in.
+fn add_links(hasher: &mut Hasher, params: &BlockParams, direct: &DirectParams, sky: bool) {
     // What is wanted of the light, and how often it is reflected, changes nothing of what is seen.
     hasher.add_debug(&BlockParams { layers: false, halves: false, max_bounces: None, ..params.clone() });
-    hasher.add_debug(&[direct.shading_normals, direct.moments]);
+    hasher.add_debug(&[direct.shading_normals, direct.moments, sky]);
 }
 
-/// True where it is remembered what blocks see in a bake of these settings.
-pub fn has_links(work: &Work, settings: &Settings) -> bool {
-    work.has(LINKS, |hasher| add_links(hasher, &settings.block_params(), &settings.direct_params()))
+/// Whether there was a sky where links were found that are of use where there `is` one or not: what escapes is of none without one.
+fn skies(is: bool) -> &'static [bool] {
+    if is { &[true] } else { &[false, true] }
+}
+
+/// True where it is remembered what blocks see in a bake of `scene` by these settings.
+pub fn has_links(scene: &Scene, work: &Work, settings: &Settings) -> bool {
+    let (params, direct) = (settings.block_params(), settings.direct_params());
+    let has = |sky: &bool| work.has(LINKS, |hasher| add_links(hasher, &params, &direct, *sky));
+    skies(Lights::has_sky(scene)).iter().any(has)
 }
 
 /// What blocks see, found by tracing or remembered as `how` says.
@@ -142,9 +150,11 @@ pub fn see(
     work: &Work,
     progress: &dyn Progress,
 ) -> Result<Sight> {
-    let add = |hasher: &mut Hasher| add_links(hasher, params, lit.params);
+    let has_sky = lit.lights.sky.is_some();
+    let add = |sky: bool| move |hasher: &mut Hasher| add_links(hasher, params, lit.params, sky);
     let lamps = BackLamps::recall(lit, told(lit, params, parts, work, progress), work)?;
-    let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add)? };
+    let fit = |sky: bool| skies(sky).iter().copied().find(|sky| work.has(LINKS, add(*sky))).unwrap_or(sky);
+    let known = if how == Look::Anew { None } else { work.find::<Kept>(LINKS, add(fit(has_sky)))? };
     if let Some(kept) = known {
         return Ok(Sight { seen: Seen { kept, lamps }, is_fresh: false });
     }
@@ -152,7 +162,10 @@ pub fn see(
         let message = "what blocks saw can't be read from the cache any more; bake anew";
         return Err(Error::invalid("relight", message));
     }
-    let before = if how == Look::Anew { None } else { work.find_before::<Kept>(LINKS, add)? };
+    let mut before = None;
+    for &sky in skies(has_sky).iter().filter(|_| how != Look::Anew) {
+        before = before.or(work.find_before::<Kept>(LINKS, add(sky))?);
+    }
     let seen = match &before {
         Some((kept, change)) => look_again(lit, direct, params, (kept, change), lamps, work, progress)?,
         None => Err(lamps),
@@ -162,7 +175,7 @@ pub fn see(
         Ok(seen) => seen,
         Err(lamps) => look(lit, direct, params, lamps, work, progress)?,
     };
-    work.keep(LINKS, add, &seen.kept)?;
+    work.keep(LINKS, add(has_sky), &seen.kept)?;
     seen.lamps.keep(work)?;
     Ok(Sight { seen, is_fresh })
 }

@@ -86,6 +86,12 @@ impl Lights {
         Self::of(scene, |shining| shining.contribution(scene).mode() != BakeMode::Dynamic)
     }
 
+    /// True where the lights of `scene` that light texels have a sky among them.
+    pub fn has_sky(scene: &Scene) -> bool {
+        let skies = scene.environment.iter().flat_map(Environment::each).count();
+        (0..skies).any(|k| Shining::Sky(k).contribution(scene).mode() != BakeMode::Dynamic)
+    }
+
     /// Prepares those that `holds` is true of.
     pub fn of(scene: &Scene, holds: impl Fn(Shining) -> bool) -> Self {
         let lights = || scene.lights.iter().enumerate().filter(|(l, _)| holds(Shining::Light(*l)));

@@ -16,6 +16,10 @@ use crate::work::{Stored, Tally, Work};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+/// Said where nothing stays where it was on the pages.
+const ANEW: &str = "all objects have other places on the pages than in the bake before, and all light was found anew: a fifth of the texels or more \
+                    has come or gone, or what is new has no room (with --resolution the one page is full; --density adds pages)";
+
 /// The kind of entries that say what unwrappers made of meshes.
 const CHARTS: &str = "charts";
 
@@ -80,6 +84,9 @@ impl Remembered {
         if before.places.is_some() && places.is_some() {
             let shown = scene.surfaces.iter().filter(|s| s.role.is_shown()).count();
             let reused = kept.unwrap_or(0);
+            if kept.is_none() {
+                report.warnings.add("unwrap", ANEW);
+            }
             let tally = Tally { reused: reused as u64, anew: (shown - reused) as u64 };
             report.reused.insert("places".to_owned(), tally);
         }
@@ -103,6 +110,13 @@ impl Remembered {
             Some((base, change)) => work.after(base, change),
             None => work,
         }
+    }
+
+    /// The names of surfaces that have moved, changed or come since the last bake of all.
+    pub fn changed<'s>(&self, scene: &'s Scene, atlas: &Atlas) -> Vec<&'s str> {
+        let since = |before| State::new(scene, atlas, base(scene, atlas), &[]).since(before);
+        let changed = self.before.as_ref().and_then(since).map_or_else(Vec::new, |(_, change)| change.surfaces);
+        scene.surfaces.iter().zip(changed).filter(|(_, changed)| *changed).map(|(s, _)| s.name.as_str()).collect()
     }
 
     /// Notes what a bake was of, for the next one.
@@ -170,7 +184,7 @@ fn state_key(file: &Path, settings: &Settings) -> Key {
 /// # Errors
 /// `Invalid` where it isn't asked for.
 pub fn relit(settings: &Settings, work: &Work, loaded: &Loaded) -> Result<Settings> {
-    let is_unfit = settings.relight.is_some() && !has_links(work, settings);
+    let is_unfit = settings.relight.is_some() && !has_links(&loaded.scene, work, settings);
     match settings.relight.as_ref().filter(|_| is_unfit) {
         None => Ok(settings.clone()),
         Some(relight) if relight.or_bake => Ok(Settings { relight: None, ..settings.clone() }),

@@ -7,13 +7,14 @@
 //! ```text
 //! noise = sqrt(e1^2 + e2^2 + (s / 2)^2)
 //! rms  <= 1.5 noise                                   without the worst hundredth of the area
-//! bias <= max(0.5 noise, 3 spread sqrt(64 / texels))  of the mean, and of that of every surface of a hundredth of the area at least
+//! bias <= max(0.5 noise, min(3 spread sqrt(64 / texels), 0.2 light))   of the mean, and of that of every surface of a hundredth of the area
 //! ```
 //!
 //! with the estimated errors e1 and e2 of the two and the tolerance s of a light in a shadow, of which penumbrae alone make use: where they
 //! cover a quarter of all texels it adds s / 2 to the root mean square. Estimates of errors scatter by some tenth of themselves, and
 //! two bakes that share samples are closer than they say. Means are over blocks of 64 texels at most whose noise is independent, the spread
-//! being that of the differences about their mean: three standard deviations. Half the noise leaves room for what interpolation misses,
+//! being that of the differences about their mean, of which no more counts than three times the noise, lest what is wrong excuse itself: three
+//! standard deviations. A fifth of a surface's own light is no noise. Half the noise leaves room for what interpolation misses,
 //! which has one sign over a surface. Of a few texels beside kept ones the error estimate of a whole bake says little, and the standard errors
 //! of these texels take its place.
 
@@ -35,6 +36,12 @@ const MOST_BIAS: f64 = 0.5;
 /// Standard deviations of a mean that are not surprising, and texels whose noise is one.
 const DEVIATIONS: f64 = 3.0;
 const TOGETHER: f64 = 64.0;
+
+/// The spread that counts, over the noise of both bakes.
+const MOST_SPREAD: f64 = 3.0;
+
+/// The share of its own light by which a surface's mean may not be off, whatever its noise.
+const MOST_OWN: f64 = 0.2;
 
 /// The share of a light's tolerance in shadows that counts over all texels.
 const IN_SHADOWS: f64 = 0.5;
@@ -126,12 +133,16 @@ impl Baked<'_> {
 struct Sums {
     difference: f64,
     square: f64,
+    /// Of the light that is expected.
+    light: f64,
     area: f64,
     texels: usize,
 }
 
 impl Sums {
-    fn add(&mut self, off: f64, area: f64) {
+    /// Adds a texel that is `off` from its `light`.
+    fn add(&mut self, off: f64, light: f64, area: f64) {
+        self.light += area * light;
         self.difference += area * off;
         self.square += area * off * off;
         self.area += area;
@@ -146,10 +157,12 @@ impl Sums {
         (self.square / self.area.max(f64::MIN_POSITIVE)).sqrt()
     }
 
-    /// How far the mean may be off, where `least` is not surprising in any case.
-    fn most(&self, least: f64) -> f64 {
-        let spread = (self.rms().powi(2) - self.mean().powi(2)).max(0.0).sqrt();
-        least.max(DEVIATIONS * spread * (TOGETHER / self.texels.max(1) as f64).sqrt())
+    /// How far the mean may be off by `noise`.
+    fn most(&self, noise: f64) -> f64 {
+        let spread = (self.rms().powi(2) - self.mean().powi(2)).max(0.0).sqrt().min(MOST_SPREAD * noise);
+        let by_chance = DEVIATIONS * spread * (TOGETHER / self.texels.max(1) as f64).sqrt();
+        let own = MOST_OWN * self.light / self.area.max(f64::MIN_POSITIVE);
+        by_chance.min(own).max(MOST_BIAS * noise)
     }
 }
 
@@ -167,23 +180,23 @@ fn compare(baked: &Baked, truth: &Lightmap, noise: f64) -> Verified {
     let (mut all, mut squares) = (Sums::default(), Vec::new());
     for i in (0..patches.len()).filter(|&i| baked.is_compared(i)) {
         let area = f64::from(exposure.area[i]);
-        let off = scale * f64::from(luminance(read(lightmap, i)) - luminance(shown[i]));
-        all.add(off, area);
-        surfaces[patches.surface(i) as usize].add(off, area);
+        let light = scale * f64::from(luminance(shown[i]));
+        let off = scale * f64::from(luminance(read(lightmap, i))) - light;
+        all.add(off, light, area);
+        surfaces[patches.surface(i) as usize].add(off, light, area);
         squares.push((off * off, area));
     }
-    let least = MOST_BIAS * noise;
-    let surprise = |s: &Sums| s.mean().abs() / s.most(least).max(f64::MIN_POSITIVE);
+    let surprise = |s: &Sums| s.mean().abs() / s.most(noise).max(f64::MIN_POSITIVE);
     let judged = surfaces.iter().enumerate().filter(|(_, s)| s.area > 0.0 && s.area >= WORST * all.area);
     let worst = judged.max_by(|a, b| surprise(a.1).total_cmp(&surprise(b.1)));
     let worst = worst.map(|(s, sums)| WorstSurface {
         name: scene.surfaces[s].name.clone(),
         bias: sums.mean(),
         rms: sums.rms(),
-        most_bias: sums.most(least),
+        most_bias: sums.most(noise),
     });
     let (texels, bias, rms) = (all.texels, all.mean(), trimmed(squares, all.area));
-    let (most_rms, most_bias) = (MOST_RMS * noise, all.most(least));
+    let (most_rms, most_bias) = (MOST_RMS * noise, all.most(noise));
     let is_explained = |w: &WorstSurface| w.bias.abs() <= w.most_bias;
     let holds = rms <= most_rms && bias.abs() <= most_bias && worst.as_ref().is_none_or(is_explained);
     Verified { holds, texels, bias, rms, noise, most_rms, most_bias, worst }

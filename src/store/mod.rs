@@ -216,11 +216,16 @@ fn mark(folder: &Path) -> Result<()> {
         // A process that was killed here may have left a part of it.
         Ok(text) if text.starts_with(b"Lumel cache") && text.ends_with(b"\n") => return Ok(()),
         Ok(text) if MARKER_TEXT.as_bytes().starts_with(&text) => {}
-        Ok(_) => return Err(Error::invalid(marker.display(), "isn't Lumel's; choose another folder for the cache")),
+        Ok(_) => {
+            return Err(Error::invalid(
+                marker.display(),
+                "isn't Lumel's, or is damaged; choose another folder for the cache, or delete this one if it is a cache: nothing but time is lost",
+            ));
+        }
         Err(e) if e.kind() == ErrorKind::NotFound && is_empty => {}
         Err(e) if e.kind() == ErrorKind::NotFound => {
             let message = format!(
-                "holds other things than a cache (it has no {MARKER}); choose an empty or a new folder for the cache"
+                "holds other things than a cache (it has no {MARKER}); choose an empty or a new folder for the cache, or delete this one if it is a cache: nothing but time is lost"
             );
             return Err(Error::invalid(folder.display(), message));
         }
