@@ -207,7 +207,6 @@ pub fn look_again(
         })
         .collect();
     drop_touched(lit, &blocks, change, &mut sampled);
-    let fronts = blocks.fronts();
     let mut field = Field::with(lit, direct, params, blocks, (sampled, irradiance), lamps, work);
     let number = |before: &u32| numbers.get(*before as usize).copied();
     let back_patches = kept.back_patches.iter().filter_map(number).filter(|&i| field.has_back(i));
@@ -219,6 +218,7 @@ pub fn look_again(
     seen.sort_unstable();
     seen.dedup();
     field.follow_backs(seen, progress)?;
+    let fronts = field.blocks.fronts();
     let known: Vec<usize> = (fronts..field.blocks.list.len()).filter(|&b| !field.sampled[b].is_empty()).collect();
     field.light_back_blocks(&known, progress)?;
     field.find_base();
