@@ -185,6 +185,11 @@ impl OldBlocks {
         self.of(patch, back).map(|b| self.shapes[b].level)
     }
 
+    /// Texels of block `k`.
+    pub fn texels(&self, k: usize) -> usize {
+        (self.shapes[k].end - self.shapes[k].first) as usize
+    }
+
     /// The block that had the first patch of block `b` of `blocks`.
     pub fn around(&self, blocks: &Blocks, b: usize) -> Option<usize> {
         self.of(blocks.members(b)[0] as usize, blocks.list[b].back)

@@ -17,6 +17,7 @@ mod incident;
 pub mod kept;
 pub mod link;
 mod moved;
+mod nearby;
 pub mod reach;
 pub mod respond;
 mod sampling;

@@ -11,9 +11,10 @@ use super::block::{Block, Blocks};
 use super::field::Field;
 use super::kept::{GONE, Kept, OldBlocks, Targets};
 use super::link::{Half, Link, Normals, Sight};
+use super::nearby::Nearby;
 use super::respond::is_curved;
 use super::shoot::{Aimed, Draw, Sampled, Samples, Scratch};
-use super::{BlockParams, Seen, kept};
+use super::{BlockParams, REACH, Seen, kept};
 use crate::Result;
 use crate::color::Rgb;
 use crate::light::{Direct, Lit};
@@ -28,6 +29,12 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 /// Samples in each half of blocks of which nothing is known.
 const NEW: u32 = 128;
+
+/// The share of a block's hemisphere that something which comes close fills, about.
+const FULL: f32 = 1.0 / 3.0;
+
+/// Samples in each half of blocks that are smaller than before, at least.
+const FEWEST: u32 = 32;
 
 /// How many times as many samples there are as a hemisphere of them has in the same directions.
 const CLOSER: f32 = 2.0;
@@ -198,7 +205,7 @@ pub fn look_again(
     let Some(old) = kept.old_blocks(&numbers, lit.ground.patches.len()) else { return Ok(Err(lamps)) };
     let normals = super::shown_normals(lit);
     let normal = |i: usize| normals.as_ref().map_or(lit.ground.patches.normal[i], |n| n[i]);
-    let blocks = like(lit, &old);
+    let blocks = like(lit, &old, change, params);
     let is_changed =
         |b: &Block| change.surfaces[lit.ground.patches.surface(blocks.order[b.first as usize] as usize) as usize];
     // The old block that each is the same as.
@@ -223,7 +230,11 @@ pub fn look_again(
             Some(_) if !Towards::new(lit, &blocks, b, &change.boxes).is_above(&blocks.list[b]) => 0,
             Some(_) => sampled[b].drawn.samples(),
             None if blocks.list[b].back => 0,
-            None => old.around(&blocks, b).and_then(|k| kept.drawn(k)).map_or(NEW, as_closely),
+            None => old.around(&blocks, b).and_then(|k| Some((k, kept.drawn(k)?))).map_or(NEW, |(k, drawn)| {
+                // What is smaller has its share, by the root of the area.
+                let share = (blocks.list[b].texels() as f32 / old.texels(k) as f32).min(1.0).sqrt();
+                as_closely(drawn, share)
+            }),
         })
         .collect();
     drop_touched(lit, &blocks, change, &mut sampled);
@@ -243,28 +254,33 @@ pub fn look_again(
     Ok(Ok(Seen { kept, lamps: field.into_lamps() }))
 }
 
-/// Samples of a hemisphere that stand for so many over it and towards what shines, of which nothing is known here.
-fn as_closely([hemisphere, areas]: [u32; 2]) -> u32 {
+/// Samples of a hemisphere that stand for a `share` of so many over it and towards what shines, of which nothing is known here.
+fn as_closely([hemisphere, areas]: [u32; 2], share: f32) -> u32 {
+    let all = hemisphere + areas;
     let closer = if areas > 0 { CLOSER } else { 1.0 };
-    (closer * (hemisphere + areas) as f32) as u32
+    ((closer * share * all as f32) as u32).max(all.min(FEWEST))
 }
 
 fn is_there(blocks: &Blocks, (patch, back): (usize, bool)) -> bool {
     patch != GONE && (if back { blocks.back_of[patch] } else { blocks.front_of[patch] }) != NONE
 }
 
-/// The blocks of `lit`, split as the old ones were.
-fn like(lit: &Lit, old: &OldBlocks) -> Blocks {
+/// The blocks of `lit`, split as the old ones were, and where something comes close that has changed, for the error of `params`: what
+/// comes close fills about a third of a hemisphere, so that the harmonic mean of all distances is three times its own.
+fn like(lit: &Lit, old: &OldBlocks, change: &Change, params: &BlockParams) -> Blocks {
     let mut blocks = Blocks::new(lit);
+    let reach = REACH / FULL * params.error.sqrt() as f32;
+    let largest = blocks.list.iter().map(Block::side).fold(f32::MIN_POSITIVE, f32::max);
+    let nearby = Nearby::new(lit, change, largest / reach);
     for _ in 0..LEVELS {
         let is_finer = |b: usize| {
             let block = &blocks.list[b];
-            blocks
-                .members(b)
-                .iter()
-                .any(|&i| old.level(i as usize, block.back).is_some_and(|level| level < block.level))
+            let members = blocks.members(b);
+            let is_changed = change.surfaces[lit.ground.patches.surface(members[0] as usize) as usize];
+            members.iter().any(|&i| old.level(i as usize, block.back).is_some_and(|level| level < block.level))
+                || !is_changed && block.side() > reach * nearby.distance(block)
         };
-        let wanted: Vec<bool> = (0..blocks.fronts()).map(is_finer).collect();
+        let wanted: Vec<bool> = (0..blocks.fronts()).into_par_iter().map(is_finer).collect();
         if !wanted.contains(&true) {
             break;
         }
