@@ -96,6 +96,18 @@ fn differences(a: &Illuminated, b: &Illuminated, surfaces: usize) -> [f64; 3] {
     [(square / area).sqrt() / mean, bias / sum, off.fold(0.0, f64::max)]
 }
 
+/// The share of the area on which `a` has more or less than `b` by over half of what is there.
+fn stark(a: &Illuminated, b: &Illuminated) -> f64 {
+    let (mut off, mut all) = (0.0, 0.0);
+    for i in 0..a.patches.len() {
+        let area = f64::from(b.exposure.area[i]);
+        let [x, y] = [a, b].map(|lit| f64::from(luminance(lit.gathered.irradiance[i])));
+        all += area;
+        off += if (x - y).abs() > 0.5 * y { area } else { 0.0 };
+    }
+    off / all
+}
+
 /// The root mean square of the differences between the texels of two layers, over that of one of them.
 fn layer_difference(a: &Layer, b: &Layer) -> f64 {
     let square = |off: Vec3| f64::from(off.length_squared());
@@ -120,8 +132,13 @@ fn assert_follows(name: &str, before: &Scene, after: &Scene, settings: &Settings
     let full = illuminate(after, &atlas, settings, &Silent).unwrap();
     let [rms, bias, off] = differences(&again, &full, after.surfaces.len()).map(|d| 100.0 * d);
     let imbalance = 100.0 * (again.energy.imbalance - full.energy.imbalance);
-    println!("{name}: rms {rms:.2} %, bias {bias:+.2} %, of a surface {off:.2} %, balance {imbalance:+.2} %");
-    assert!(rms < 2.5 && bias.abs() < 0.4 && off < 3.0, "{name}: {rms} {bias} {off}");
+    let stark = 100.0 * stark(&again, &full);
+    println!(
+        "{name}: rms {rms:.2} %, bias {bias:+.2} %, of a surface {off:.2} %, balance {imbalance:+.2} %, stark {stark:.3} %"
+    );
+    // Contact shadows are small and deep.
+    assert!(stark < 0.05, "{name}: {stark}");
+    assert!(rms < 2.0 && bias.abs() < 0.4 && off < 1.5, "{name}: {rms} {bias} {off}");
     assert!(imbalance.abs() < 0.5, "{name}: {imbalance}");
     for (ours, theirs) in again.lightmap.layers.iter().zip(&full.lightmap.layers) {
         let off = layer_difference(ours, theirs);

@@ -45,6 +45,9 @@ struct Known {
     patches: Range<u32>,
 }
 
+/// What tells a surface from others, with its texels or without.
+type Mark = fn(&Known) -> (Key, Option<Key>);
+
 impl State {
     /// The state of `scene` with lightmap UVs, of which results depend on `base`; `patches` are those of each surface, where they are known.
     pub fn new(scene: &Scene, atlas: &Atlas, base: Key, patches: &[Range<u32>]) -> Self {
@@ -113,7 +116,7 @@ impl State {
     fn pairs(&self, before: &Self) -> Vec<Option<usize>> {
         let mut pairs = vec![None; self.surfaces.len()];
         let mut is_taken = vec![false; before.surfaces.len()];
-        let keys: [fn(&Known) -> (Key, Option<Key>); 4] = [
+        let keys: [Mark; 4] = [
             |known| (known.what, Some(known.place)),
             |known| (known.what, None),
             |known| (known.who, Some(known.place)),

@@ -84,7 +84,7 @@ pub fn unwrap_parts(parts: &[&Part]) -> Vec<Unwrapped> {
     let meshes = unsafe { slice((*atlas.0).meshes, (*atlas.0).mesh_count) };
     for (mesh, &i) in meshes.iter().zip(&added) {
         // SAFETY: `mesh` is one of the atlas' output meshes, and the atlas is still alive.
-        unsafe { copy_out(mesh, &parts[i], &mut result[i]) };
+        unsafe { copy_out(mesh, parts[i], &mut result[i]) };
     }
     result
 }
