@@ -180,5 +180,5 @@ fn many_moves_make_no_light_and_heap_up_no_links() {
     let (rms, bias) = differences(&last, &full);
     println!("rms {:.3} %, bias {:+.3} %, {} links of {}", 100.0 * rms, 100.0 * bias, links(&last), links(&full));
     assert!(rms < 0.025 && bias.abs() < 0.003, "{rms} {bias}");
-    assert!(links(&last) < 2 * links(&full), "{} links of {}", links(&last), links(&full));
+    assert!(links(&last) < 5 * links(&full) / 2, "{} links of {}", links(&last), links(&full));
 }

@@ -59,10 +59,17 @@ pub struct Kept {
     pub rays: u64,
     /// The error that was left, of the mean light or of that of each place.
     pub error: f64,
+    /// Links when all blocks were last looked at.
+    pub links_at_first: u64,
 }
 
 /// Keeps what `field` has seen; `normal` is the one that a patch shows.
-pub fn keep(field: &Field, gain: f32, error: f64, normal: &(dyn Fn(usize) -> Vec3 + Sync)) -> Kept {
+pub fn keep(
+    field: &Field,
+    gain: f32,
+    (error, links_at_first): (f64, u64),
+    normal: &(dyn Fn(usize) -> Vec3 + Sync),
+) -> Kept {
     let blocks = &field.blocks;
     let encode = |b: usize| {
         let mut bits = BitWriter::default();
@@ -85,6 +92,7 @@ pub fn keep(field: &Field, gain: f32, error: f64, normal: &(dyn Fn(usize) -> Vec
         gain,
         rays: field.rays,
         error,
+        links_at_first,
     }
 }
 
@@ -227,11 +235,17 @@ fn read_order(bytes: &[u8], count: usize, patches: usize) -> Option<Vec<u32>> {
 
 impl Stored for Kept {
     fn sections(&self) -> Vec<Cow<'_, [u8]>> {
-        let head: Vec<u8> = [u64::from(self.gain.to_bits()), self.rays, u64::from(self.fronts), self.error.to_bits()]
-            .into_iter()
-            .chain(self.flux.map(f64::to_bits))
-            .flat_map(u64::to_le_bytes)
-            .collect();
+        let head: Vec<u8> = [
+            u64::from(self.gain.to_bits()),
+            self.rays,
+            u64::from(self.fronts),
+            self.error.to_bits(),
+            self.links_at_first,
+        ]
+        .into_iter()
+        .chain(self.flux.map(f64::to_bits))
+        .flat_map(u64::to_le_bytes)
+        .collect();
         let starts = std::iter::once(&0).chain(&self.ends);
         let lengths: Vec<u32> = self.ends.iter().zip(starts).map(|(end, start)| (end - start) as u32).collect();
         let light: &[u8] = bytemuck::cast_slice(&self.irradiance);
@@ -248,7 +262,9 @@ impl Stored for Kept {
     }
 
     fn restore(entry: &Entry) -> Option<Self> {
-        let &[gain, rays, fronts, error, ref flux @ ..] = entry.slice::<u64>(0).ok()? else { return None };
+        let &[gain, rays, fronts, error, links_at_first, ref flux @ ..] = entry.slice::<u64>(0).ok()? else {
+            return None;
+        };
         let list = |k: usize| Some(entry.slice::<u32>(k).ok()?.to_vec());
         let ends = ends(entry.slice::<u32>(4).ok()?.iter().map(|length| *length as usize));
         if ends.last().copied().unwrap_or(0) != entry.section(2).len() {
@@ -267,6 +283,7 @@ impl Stored for Kept {
             gain: f32::from_bits(gain as u32),
             rays,
             error: f64::from_bits(error),
+            links_at_first,
         })
     }
 }

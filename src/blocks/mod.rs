@@ -178,7 +178,7 @@ pub fn look(
         aim = (aim * LADDER[1]).max(params.error);
         left = run.reach(aim)?;
     }
-    let kept = kept::keep(&run.field, run.gain, left.error(), &normal);
+    let kept = kept::keep(&run.field, run.gain, (left.error(), run.field.links()), &normal);
     tracing::debug!(bytes = kept.links.len(), links = run.field.links(), "kept");
     Ok(Seen { kept, lamps: run.field.into_lamps() })
 }

@@ -38,6 +38,12 @@ const LEAST: u32 = 4;
 /// Numbers of points from here on are those of samples towards boxes.
 const FIRST_POINT: u32 = 1 << 20;
 
+/// How many times as many links there may be as when all blocks were last looked at.
+const MOST_LINKS: u64 = 2;
+
+/// Samples in each half of the parts of blocks that are split, at least.
+const FEWEST: u32 = 32;
+
 /// Blocks may be split where what changed is nearer than so many times their side.
 const NEAR: f32 = 2.0;
 
@@ -221,8 +227,12 @@ pub fn look_again(
     let fronts = field.blocks.fronts();
     let known: Vec<usize> = (fronts..field.blocks.list.len()).filter(|&b| !field.sampled[b].is_empty()).collect();
     field.light_back_blocks(&known, progress)?;
+    // Blocks stay small where things have been: in the end it costs less to look at all of them.
+    if field.links() > MOST_LINKS * kept.links_at_first {
+        return Ok(Err(field.into_lamps()));
+    }
     field.find_base();
-    let kept = kept::keep(&field, kept.gain, kept.error, &normal);
+    let kept = kept::keep(&field, kept.gain, (kept.error, kept.links_at_first), &normal);
     Ok(Ok(Seen { kept, lamps: field.into_lamps() }))
 }
 
@@ -237,11 +247,20 @@ fn split_near(field: &mut Field, change: &Change, progress: &dyn Progress) -> Re
         if !wanted.contains(&true) {
             break;
         }
-        let drawn = |b: usize| as_closely([field.sampled[b].drawn.hemisphere, field.sampled[b].drawn.areas]);
-        let drawn: Vec<u32> = (0..wanted.len()).map(drawn).collect();
+        let before: Vec<(u32, usize)> = (0..wanted.len())
+            .map(|b| {
+                let drawn = &field.sampled[b].drawn;
+                (as_closely([drawn.hemisphere, drawn.areas]), field.blocks.list[b].texels())
+            })
+            .collect();
         let origin = field.split(&wanted);
-        let plan = origin.iter().map(|&o| if wanted.get(o as usize) == Some(&true) { drawn[o as usize] } else { 0 });
-        let plan: Vec<u32> = plan.take(field.blocks.fronts()).collect();
+        // Each part has its share, by the root of the area.
+        let share = |(b, &o): (usize, &u32)| {
+            let (samples, texels) = before[o as usize];
+            let share = (field.blocks.list[b].texels() as f32 / texels as f32).sqrt();
+            if wanted[o as usize] { ((share * samples as f32) as u32).max(samples.min(FEWEST)) } else { 0 }
+        };
+        let plan: Vec<u32> = origin.iter().enumerate().take(field.blocks.fronts()).map(share).collect();
         seen.extend(field.glance(&plan, progress)?);
     }
     Ok(seen)
