@@ -191,7 +191,7 @@ pub fn relit(settings: &Settings, work: &Work, loaded: &Loaded) -> Result<Settin
         Some(relight) => {
             let cache = settings.cache.as_deref().unwrap_or(Path::new("")).display();
             let message = format!(
-                "nothing that is remembered in {cache} fits these surfaces and texels at this --error, --seed and --normals; {}",
+                "nothing that is remembered in {cache} fits these surfaces and texels at this --error, --seed and --normals (nor a sky, where the bake had none); {}",
                 relight.advice
             );
             Err(Error::invalid(loaded.path().display(), message))
