@@ -4,7 +4,7 @@
 //! shadows and textures stay sharp. Sweeps repeat until what one more would change is below a residual.
 
 use super::backs::List;
-use super::block::Blocks;
+use super::block::{Block, Blocks};
 use super::link::Half;
 use super::shoot::Sampled;
 use crate::Result;
@@ -17,6 +17,11 @@ use rayon::prelude::*;
 
 /// Sweeps at most: at an albedo of 0.97 light falls to a thousandth in some 230.
 const MOST_SWEEPS: u32 = 400;
+
+/// What is left may be so many times as much of the light of each place as of all light: a room beside a bright outside has its own. What has less
+/// than a share of the mean light counts as if it had that.
+const LOCAL: f64 = 4.0;
+const DARK: f64 = 1e-3;
 
 /// Patches that a thread takes at least, and blocks that it takes at most.
 const BATCH: usize = 4096;
@@ -205,12 +210,19 @@ impl System<'_> {
             progress.check()?;
             self.send(irradiance, &mut radiosity);
             let next = self.sweep(&radiosity);
-            let (mut change, mut total) = (0.0f64, 0.0f64);
+            let (mut change, mut total, mut whole) = (0.0f64, 0.0f64, 0.0f64);
             for (b, block) in self.blocks.list.iter().enumerate() {
                 let area = f64::from(block.area);
                 change += f64::from(luminance((next[b] - irradiance[b]).abs())) * area;
                 total += f64::from(luminance(next[b])) * area;
+                whole += area;
             }
+            let dark = DARK * total / whole.max(f64::MIN_POSITIVE);
+            let local = |(b, block): (usize, &Block)| {
+                let level = f64::from(luminance(next[b])).max(dark).max(f64::MIN_POSITIVE);
+                f64::from(luminance((next[b] - irradiance[b]).abs())) / level * f64::from(block.area)
+            };
+            let local = self.blocks.list.iter().enumerate().map(local).sum::<f64>() / whole.max(f64::MIN_POSITIVE);
             *irradiance = next;
             swept.sweeps = u64::from(sweep) + 1;
             if change <= 0.0 || total <= 0.0 {
@@ -222,7 +234,8 @@ impl System<'_> {
             let ratio = before.map_or(0.9, |before| (change / before).clamp(0.0, 0.99));
             swept.residual = change / total * ratio / (1.0 - ratio);
             before = Some(change);
-            if swept.residual < residual && most.is_none() {
+            let is_at_rest = swept.residual < residual && local * ratio / (1.0 - ratio) < LOCAL * residual;
+            if is_at_rest && most.is_none() {
                 break;
             }
         }
