@@ -275,8 +275,8 @@ mod tests {
 
     #[test]
     fn paths_below_a_folder_move_with_it() {
-        assert_eq!(below(Path::new("/farm/job"), Path::new("/farm/job/cache")), Path::new("cache"));
-        assert_eq!(below(Path::new("/farm/job"), Path::new("/farm/jobs")), Path::new("/farm/jobs"));
+        assert_eq!(below(Path::new("/a/job"), Path::new("/a/job/cache")), Path::new("cache"));
+        assert_eq!(below(Path::new("/a/job"), Path::new("/a/jobs")), Path::new("/a/jobs"));
         assert_eq!(Path::new("/other").join(below(Path::new("/a"), Path::new("/b"))), Path::new("/b"));
     }
 }

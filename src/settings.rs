@@ -6,10 +6,12 @@ mod outdoors;
 mod percent;
 mod probes;
 mod quality;
+mod remembered;
 
 pub use outdoors::{ProjectorSetting, SkySetting};
 pub use probes::{ProbeSet, ProbeSetting};
 pub use quality::Quality;
+pub use remembered::Relight;
 
 use crate::blocks::BlockParams;
 use crate::gather::GatherParams;
@@ -35,7 +37,6 @@ use crate::write::engines::{Engine, LightmapExtension};
 use crate::write::{BakedLights, GltfProfile, VertexColors};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use std::time::Duration;
 
 /// Settings of a bake as a user gives them (command line or `lumel.toml`): an absent value is chosen by the quality preset.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -219,27 +220,6 @@ pub struct Settings {
     /// The light is found by what blocks saw in the light of an earlier bake, however rough that is; none: it is a bake of its own.
     #[serde(skip)]
     pub relight: Option<Relight>,
-}
-
-/// Other light for an earlier bake.
-#[derive(Clone, Debug, Default)]
-pub struct Relight {
-    /// The settings of that bake, for the report.
-    pub baked: Box<Settings>,
-    /// What to do where nothing that fits is remembered.
-    pub advice: String,
-    /// Bakes where what blocks saw isn't remembered, or is of something else.
-    pub or_bake: bool,
-}
-
-/// After how much work parts of it are put into the cache [s].
-const CHECKPOINT: f64 = 60.0;
-
-impl Settings {
-    /// After how much work parts of it are put into the cache.
-    pub fn checkpoint(&self) -> Duration {
-        Duration::from_secs_f64(self.checkpoint.unwrap_or(CHECKPOINT))
-    }
 }
 
 /// How texels get their interreflected light from the solution.

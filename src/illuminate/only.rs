@@ -17,13 +17,11 @@ use crate::light::parts::{Apart, Part};
 use crate::light::{Direct, Lit};
 use crate::patch::Sparse;
 use crate::post::dilate::{Finish, fill};
+use crate::post::layers::GROUP;
 use crate::post::{Layer, Lightmap, PageImage, Quantity};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
-
-/// The name of the layer of a light group.
-const GROUP: &str = "group.";
 
 /// The layer that holds directions of length 1.
 const UNIT_VECTORS: &str = "bent-normal";

@@ -9,6 +9,7 @@ use crate::compare::{Page, ReadLayer};
 use crate::error::{Error, Result};
 use crate::illuminate::texels;
 use crate::patch::Patches;
+use crate::post::layers::GROUP;
 use crate::post::{Directional, Layer, LayerKind, Lightmap, PageImage};
 use crate::probe::LightProbes;
 use crate::progress::Progress;
@@ -16,9 +17,6 @@ use crate::report::{Clock, MixReport, Report};
 use crate::settings::Settings;
 use crate::unwrap::Atlas;
 use std::path::Path;
-
-/// What the layer of a group is called before the group's own name.
-const GROUP: &str = "group.";
 
 /// Covered by more than this share, a texel of a page must be one of the scene's.
 const COVERED: f32 = 0.01;

@@ -18,6 +18,9 @@ use glam::Vec3;
 use std::collections::BTreeSet;
 use std::f32::consts::PI;
 
+/// What the names of layers of light groups begin with.
+pub const GROUP: &str = "group.";
+
 /// The light of one group.
 #[derive(Clone, Debug)]
 pub struct Group {
@@ -132,7 +135,7 @@ impl Sources<'_> {
                         if is_own { lit.emission.0[i] * PI } else { Rgb::ZERO }
                     };
                     let value = |i: usize| quantity.of(group.irradiance[i], lit.reflectance.0[i]) + glow(i);
-                    let layer = light(to, &format!("group.{}", group.name), quantity.unit(), value);
+                    let layer = light(to, &format!("{GROUP}{}", group.name), quantity.unit(), value);
                     all.push(Layer { of: Some(group.name.clone()), ..layer });
                 }
             }
